@@ -44,7 +44,7 @@ LAYERS = {
 #: Within a layer, or a package, each package imports only from those before it.
 ORDER = {
     "core": "types frames config streams camera ground orthorectification map targets accuracy "
-    "ties adjustment navigation calibration gimbal overlay checks",
+    "ties navigation calibration adjustment gimbal overlay checks",
     "core.navigation": "ins aiding alignment timeline estimator smoothing",
     "dji": "clocks protocol link sources interpret simulator",
     "io": "files coordinates parameters elevation messages pictures video logs bags maps "

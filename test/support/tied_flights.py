@@ -28,6 +28,7 @@ from tirgeo_ros.core.adjustment.tied_views import (
     corrected_camera,
     moved,
 )
+from tirgeo_ros.core.calibration.boresight_model import PointSighting
 from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.frames.rotations import (
@@ -219,6 +220,22 @@ def fitted(truth, prior_sigma, ground_m=GROUND_M, again=True, **config):
     ]
     applied = fit.correction
     return fit_ties(views, truth.tracks, PLANE, ground_m, prior_sigma, applied, **config)
+
+
+def clicked(truth, count):
+    """Return the flight with surveyed points for its first ties, and the clicks on them."""
+    tracks, rng = truth.tracks, np.random.default_rng(count)
+    own = tracks.point < count
+    uv = tracks.uv + rng.normal(0, np.sqrt(0.75), tracks.uv.shape)  # 1 px with the ties' 0.5 px
+    surveyed_n = truth.points_n[:count] + rng.normal(0, 0.02, (count, 3))
+    clicks = [
+        PointSighting(f"P{p:03}", int(tracks.stamps_ns[k]), at, surveyed_n[p])
+        for p, k, at in zip(tracks.point[own], tracks.picture[own], uv[own], strict=True)
+    ]
+    pictures, picture = np.unique(tracks.picture[~own], return_inverse=True)
+    stamps_ns, point = tracks.stamps_ns[pictures], tracks.point[~own] - count
+    rest = Tracks(stamps_ns, picture, point, tracks.uv[~own])
+    return truth._replace(tracks=rest, points_n=truth.points_n[count:]), clicks
 
 
 def pose_errors(fit, truth):

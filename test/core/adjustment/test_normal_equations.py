@@ -27,7 +27,11 @@ from tirgeo_ros.core.adjustment.tied_views import TiedFlight
 
 TRUTH = tied_truth((Course(leg_m=30, strips=2, pitch_deg=-70),), points=60, most_sightings=3)
 TAUS = np.repeat([60.0, 5.0], 3)
-FLIGHT = TiedFlight(TRUTH.views, TRUTH.tracks, PRIOR_SIGMA, PLANE, GROUND_M, np.zeros(8))
+SURVEYED = np.arange(-3, 0) + len(TRUTH.points_n)
+FLIGHT = TiedFlight(
+    *(TRUTH.views, TRUTH.tracks, PRIOR_SIGMA, PLANE, GROUND_M, np.zeros(8)),
+    surveyed_n=TRUTH.points_n[SURVEYED],
+)
 
 
 def state(seed=1):
@@ -57,8 +61,8 @@ def test_without_points_the_solution_is_that_with_them():
     (residual, slopes), count = FLIGHT.linearised(*state()), len(TRUTH.tracks.uv)
     points = len(TRUTH.points_n)
     weights = np.random.default_rng(2).uniform(0.5, 2.0, len(residual))
-    picture = np.concatenate([TRUTH.tracks.picture, np.zeros(points, int)])
-    point = np.concatenate([TRUTH.tracks.point, np.arange(points)])
+    picture = np.concatenate([TRUTH.tracks.picture, np.zeros(points + len(SURVEYED), int)])
+    point = np.concatenate([TRUTH.tracks.point, np.arange(points), SURVEYED])
     size = 8 + 6 * len(TRUTH.views)
     normal = reduced(residual, slopes, weights, picture, point, size)
 

@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from tied_flights import (
     GROUND_M,
     PLANTED,
     Course,
+    clicked,
     error_of,
     fitted,
     pose_errors,
@@ -125,6 +127,51 @@ def test_from_one_height_the_focal_length_wants_the_height_of_the_ground(
         assert fit.sigma[FOCAL] < 0.01
     else:
         assert "ground are one" in fit.undetermined["focal"]
+
+
+def test_surveyed_points_give_scale_and_heading_that_ties_lack():
+    """One strip straight down, without RTK: ties alone leave focal length and yaw."""
+    planted = PLANTED * [0, 0, 1, 0, 1, 0, 0, 0]
+    course = Course(leg_m=600, strips=1, height_m=60, picture_s=3.0)
+    truth, clicks = clicked(tied_truth((course,), planted, points=600, position_m=0.5), 20)
+    alone, both = (fitted(truth, NORTH_KNOWN, again=False, clicks=own) for own in ([], clicks))
+    assert {"focal", "yaw"} <= alone.undetermined.keys() - both.undetermined.keys()
+    assert np.abs(over_sigma(both, planted)).max() < 3.5
+    assert both.sigma[FOCAL] < 0.01
+    assert both.used[both.flight.clicks].mean() > 0.95
+    assert both.noise.pixel_sigma == pytest.approx(alone.noise.pixel_sigma, rel=0.05)
+
+
+def test_wrong_clicks_are_left_out_and_do_not_matter():
+    truth, clicks = clicked(tied_truth((SMALL,), points=500), 10)
+    wrong = [dataclasses.replace(click, uv=click.uv + 30) for click in clicks[::5]]
+    right = [click for k, click in enumerate(clicks) if k % 5]
+    clean = fitted(truth, NORTH_KNOWN, again=False, clicks=right)
+    spoilt = fitted(truth, NORTH_KNOWN, again=False, clicks=wrong + right)
+    assert (np.abs(spoilt.correction - clean.correction) <= clean.sigma).all()
+    assert spoilt.used[spoilt.flight.clicks].tolist() == [False] * len(wrong) + [True] * len(right)
+
+
+@pytest.mark.parametrize(
+    ("shift_n", "message"), [([3, 0, 0], "^0 of 39 obs"), ([0, 0, 9], r"at 1\.26 of the focal")]
+)
+def test_a_wrong_survey_is_refused(shift_n, message):
+    """9 m of 40 m, and the planted 3 %, look like 1.03 * 49 / 40 of the focal length."""
+    truth, clicks = clicked(tied_truth((SMALL,), points=500), 10)
+    wrong = [dataclasses.replace(click, point_n=click.point_n + shift_n) for click in clicks]
+    with pytest.raises(CalibrationError, match=message):
+        fitted(truth, NORTH_KNOWN, again=False, clicks=wrong)
+
+
+def test_a_click_adds_a_picture_that_has_no_ties():
+    truth, clicks = clicked(tied_truth((SMALL,), points=500), 10)
+    bare = truth.views[-1].view  # after the last picture with ties
+    at_ns = bare.stamp_ns + 10**9
+    view = bare._replace(stamp_ns=at_ns, pose=dataclasses.replace(bare.pose, stamp_ns=at_ns))
+    click = dataclasses.replace(clicks[-1], stamp_ns=at_ns)
+    truth.views.append(truth.views[-1]._replace(view=view))
+    fit = fitted(truth, NORTH_KNOWN, again=False, clicks=[*clicks, click])
+    assert fit.views.keys() == {tied.view.stamp_ns for tied in truth.views}
 
 
 @pytest.mark.slow

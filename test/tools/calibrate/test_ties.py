@@ -27,6 +27,12 @@ from tirgeo_ros.tools.cli.main import main
 pytest.importorskip("scipy")
 pytest.importorskip("matplotlib")
 
+TRUTH = {"roll": 0.0, "pitch": 0.0, "yaw": 0.0, "latency": 50.0, "focal": 803.5593}
+PLANTED = """
+/**/gimbal_node: {ros__parameters: {boresight_rpy_deg: [1.0, -0.8, 1.5]}}
+/**/overlay_node: {ros__parameters: {video_latency_s: 0.07}}
+"""
+
 
 def run(capsys, *words):
     """The exit code, what was printed and the errors of a verb."""
@@ -37,7 +43,8 @@ def run(capsys, *words):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--ties", "--survey", "x.csv"], "--survey is not for --ties"),
+        (["--ties", "--survey", "x.csv"], "--observations is needed too"),
+        (["--ties", "--observations", "x.csv"], "--survey is needed too"),
         (["--ties", "--estimate", "roll"], "--estimate is not for --ties"),
         (["--survey", "x.csv"], "--observations is needed, or --ties"),
     ],
@@ -77,6 +84,30 @@ def test_a_flight_with_too_few_ties_is_not_adjusted(brief, params, tmp_path, cap
 
 
 @pytest.mark.slow
+@pytest.mark.long  # as below
+def test_surveyed_points_join_the_ties(sample, params, tmp_path, capsys):
+    """The truth is as below; mounting, latency and one click are wrong."""
+    clicks, planted = tmp_path / "clicks.csv", tmp_path / "planted.yaml"
+    text = (sample / "observations.csv").read_text()
+    clicks.write_text(text.replace("P10,1634731242938888889,54.", "P10,1634731242938888889,94."))
+    planted.write_text(PLANTED)
+    points = ["--survey", sample / "survey.geojson", "--observations", clicks]
+    where = ["--params", params, "--params", planted, "-o", tmp_path / "b.yaml", "--json"]
+    words = ["boresight", sample / "flight.mcap", "--ties", *points, *where]
+    code, out, _ = run(capsys, "calibrate", *words)
+    assert code == 0
+    result = json.loads(out)
+    for name, value in TRUTH.items():
+        row = result["parameters"][name]
+        assert abs(row["found"] - value) < 4 * row["sigma"]
+    assert result["notes"][-1].startswith("left out P10 at 1634731242938888889: ")
+    surveyed = result["surveyed"]
+    assert (surveyed["points"], surveyed["observations"]) == (12, 23)  # P10 has this click
+    # What the gimbal does not report remains: the poses' own corrections are not in it.
+    assert surveyed["ground_rmse_m"]["after"] < 0.15 * surveyed["ground_rmse_m"]["before"]
+
+
+@pytest.mark.slow
 @pytest.mark.long  # the ties and the fit of 99 pictures
 def test_the_sample_calibrates_itself(sample, params, tmp_path, capsys):
     """Truth: no mounting error, 50 ms, 803.6 px. The bounds are four of its own sigmas."""
@@ -85,8 +116,7 @@ def test_the_sample_calibrates_itself(sample, params, tmp_path, capsys):
     code, out, _ = run(capsys, "calibrate", "boresight", sample / "flight.mcap", *where)
     assert code == 0
     result = json.loads(out)
-    truth = {"roll": 0.0, "pitch": 0.0, "yaw": 0.0, "latency": 50.0, "focal": 803.5593}
-    for name, value in truth.items():
+    for name, value in TRUTH.items():
         row = result["parameters"][name]
         assert abs(row["found"] - value) < 4 * row["sigma"]
         assert row["sigma"] < row["prior_sigma"] / 10

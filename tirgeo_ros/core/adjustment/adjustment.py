@@ -118,15 +118,15 @@ def disagreement(
         keys = ([(stamp, u, v) for u, v in uv.tolist()] for stamp, uv in sightings)
         known = downs or {}
         down = [known.get(a, known.get(b, np.nan)) for a, b in zip(*keys, strict=True)]
-        places = [
-            _places(views[stamp], uv, np.array(down, float), plane, ground)
+        first, second = (
+            places(views[stamp], uv, np.array(down, float), plane, ground)
             for stamp, uv in sightings
-        ]
-        apart.append(np.hypot(*(places[0] - places[1])[:, :2].T))
+        )
+        apart.append(np.hypot(*(first - second)[:, :2].T))
     return np.concatenate(apart)
 
 
-def _places(view: View, uv: Array, down: Array, plane: TangentPlane, ground: Ground) -> Array:
+def places(view: View, uv: Array, down: Array, plane: TangentPlane, ground: Ground) -> Array:
     """Return where pixels (K, 2) lie on the ground (K, 3), m; ``down`` (K,) is nan where unknown.
 
     nan where a ray meets no ground.
@@ -135,7 +135,7 @@ def _places(view: View, uv: Array, down: Array, plane: TangentPlane, ground: Gro
     direction_n = view.camera.rays(uv) @ matrix_from_quat(view.pose.q_nc).T
     with np.errstate(divide="ignore", invalid="ignore"):
         way = (down - position_n[2]) / direction_n[:, 2]
-    places = position_n + np.where(way > 0, way, np.nan)[:, None] * direction_n
+    met = position_n + np.where(way > 0, way, np.nan)[:, None] * direction_n
     level = np.isnan(down)
-    places[level] = locate(view.camera, view.pose, uv[level], plane, ground)[0]
-    return np.asarray(places)
+    met[level] = locate(view.camera, view.pose, uv[level], plane, ground)[0]
+    return np.asarray(met)

@@ -15,8 +15,9 @@
 """Solve a bundle adjustment: robust Gauss-Newton steps, and the noise along with it.
 
 Cauchy weights first keep wrong ties from dominating; then least squares over the sightings that
-agree. The noise of the ties comes from their residuals. That of the camera's attitudes (sigma and
-correlation time) is the most likely one, with everything else integrated out.
+agree. The noise of the ties comes from their residuals, clicks on surveyed points have their own.
+That of the camera's attitudes (sigma and correlation time) is the most likely one, with everything
+else integrated out.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ import numpy as np
 
 from tirgeo_ros.core.adjustment.normal_equations import Noise, Reduced, prior, reduced
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedFlight
+from tirgeo_ros.core.calibration.boresight_model import CLICK_SIGMA_PX, SURVEY_SIGMA_M
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.missing_package import needed
@@ -83,6 +85,7 @@ class Solver:
         self._cell, self._cells = cell.ravel(), len(counts)
         relief_m = config.relief * self._height_m()
         self._by_height = 1 / (relief_m**2 * counts[self._cell])
+        self._by_height[flight.surveyed] = SURVEY_SIGMA_M**-2
         self.used: BoolArray = np.zeros(len(flight.tracks.uv), bool)
         self._normal: Reduced
         self._at: Array  # x at which the normal equations are
@@ -119,23 +122,23 @@ class Solver:
 
     def _step(self, robust: bool) -> float:
         """Make one step; return its largest element of x, in those that count as settled."""
-        point = self._flight.tracks.point
+        point, clicks = self._flight.tracks.point, self._flight.clicks
         residual, slopes = self._flight.linearised(self.x, self.points_n)
-        # A sighting's residual is smaller than its error, as its point is fitted to it.
-        seen = np.bincount(point)[point]
-        sigmas = np.hypot(*residual[: len(point)].T) / self.noise.pixel_sigma
+        # A tie's residual is smaller than its error, as its point is fitted to it.
+        seen = np.where(clicks, np.inf, np.bincount(point)[point])
+        sigmas = np.hypot(*residual[: len(point)].T) / self._sigmas_px()
         sigmas = np.nan_to_num(sigmas / np.sqrt(1 - 1.5 / seen), nan=np.inf)
-        scale = max(1.0, float(np.median(sigmas)) / _MEDIAN_SIGMAS)
+        scale = max(1.0, float(np.median(sigmas[~clicks])) / _MEDIAN_SIGMAS)
         near = sigmas < _MOST_SIGMAS * scale
-        self.used = near & (np.bincount(point, weights=near)[point] > 1)
-        if not math.isfinite(scale) or not (robust or self.used.mean() >= _LEAST_SHARE):
+        self.used = near & (clicks | (np.bincount(point, weights=near)[point] > 1))
+        ties = self.used[~clicks]
+        if not math.isfinite(scale) or not (robust or ties.mean() >= _LEAST_SHARE):
             raise CalibrationError(
-                f"only {self.used.sum()} of {len(point)} sightings of ties agree: check stamps, "
+                f"only {ties.sum()} of {len(ties)} sightings of ties agree: check stamps, "
                 "focal length and mounting, and fly over ground with texture that does not move"
             )
         weights = 1 / (1 + (sigmas / (_CAUCHY_SIGMAS * scale)) ** 2) if robust else self.used
-        self._normal = self._reduced(residual, slopes, weights)
-        self._at = self.x
+        self._normal, self._at = self._reduced(residual, slopes, weights), self.x
         step = np.zeros_like(self.x)
         pull = self._normal.gradient - self._prior() @ self.x
         step[self.free] = np.linalg.solve(self._within(self._information()), pull[self.free])
@@ -148,12 +151,13 @@ class Solver:
     def _reduced(
         self, residual: Array, slopes: Array, weights: Array | BoolArray, *, moving: bool = False
     ) -> Reduced:
-        """Return the normal equations; ``weights`` (N,) are relative to a tie's own."""
-        tracks, points = self._flight.tracks, len(self.points_n)
-        by_tie = np.maximum(weights, _LEFT_OUT) / self.noise.pixel_sigma**2
-        each = np.concatenate([by_tie, self._by_height])
-        picture = np.concatenate([tracks.picture, np.zeros(points, int)])
-        point = np.concatenate([tracks.point, np.arange(points)])
+        """Return the normal equations; ``weights`` (N,) are relative to a sighting's own."""
+        tracks, surveyed = self._flight.tracks, self._flight.surveyed
+        by_sighting = np.maximum(weights, _LEFT_OUT) / self._sigmas_px() ** 2
+        each = np.concatenate([by_sighting, self._by_height, self._by_height[surveyed]])
+        point = np.concatenate([tracks.point, np.arange(len(self.points_n)), surveyed])
+        picture = np.zeros_like(point)
+        picture[: len(tracks.picture)] = tracks.picture
         size = len(self.x) + 2 * self._cells * moving
         group = self._cell[point] if moving else None
         return reduced(np.nan_to_num(residual), slopes, each, picture, point, size, group)
@@ -201,6 +205,10 @@ class Solver:
         step = covariance[:count] @ normal.gradient[free]
         return step.reshape(-1, 2), np.einsum("cacb->cab", blocks)
 
+    def _sigmas_px(self) -> Array:
+        """Return the sigmas (N,) of the sightings per axis, px."""
+        return np.where(self._flight.clicks, CLICK_SIGMA_PX, self.noise.pixel_sigma)
+
     def _prior(self) -> Array:
         return prior(self._flight.times_s, self.noise)[0]
 
@@ -226,7 +234,7 @@ class Solver:
 
         Raises CalibrationError if the ties scatter more than ties do.
         """
-        used, old = self.used, self.noise.pixel_sigma
+        used = self.used & ~self._flight.clicks
         fitted = np.bincount(self._flight.tracks.point, weights=used) > 1
         # Each unknown takes up a freedom as far as the ties and not its prior determine it.
         by_prior = ((self._normal.inverse_roots[:, :, 2] ** 2).sum(1) * self._by_height)[
@@ -234,20 +242,22 @@ class Solver:
         ].sum()
         by_prior += (self.covariance() * self._prior()).sum()
         freedom = 2 * used.sum() - 3 * fitted.sum() - self.free.sum() + by_prior
-        sigma = math.sqrt((self.residual[used] ** 2).sum() / max(freedom, 1.0))
+        residual, slopes = self._flight.linearised(self.x, self.points_n)
+        sigma = math.sqrt((residual[: len(used)][used] ** 2).sum() / max(freedom, 1.0))
         least, most = np.multiply(self._config.pixel_sigma, _PIXEL_FACTORS).tolist()
         if sigma > most:
             raise CalibrationError(
                 f"the ties scatter by {sigma:.1f} px about any fit: check stamps, focal length "
                 "and mounting, and fly over ground with texture that does not move"
             )
-        sigma = max(sigma, least)
-        self.noise = self._most_likely((old / sigma) ** 2)._replace(pixel_sigma=sigma)
+        self.noise = self.noise._replace(pixel_sigma=max(sigma, least))
+        self._normal, self._at = self._reduced(residual, slopes, self.used), self.x
+        self.noise = self._most_likely()
 
-    def _most_likely(self, gain: float) -> Noise:
-        """Return the most likely noise of the attitudes; ``gain`` is on the ties' information.
+    def _most_likely(self) -> Noise:
+        """Return the most likely noise of the attitudes.
 
-        With the ties' information N and gradient b at x = 0, and the prior information L, the
+        With the sightings' information N and gradient b at x = 0, and the prior information L, the
         likelihood is det(L)^0.5 det(N + L)^-0.5 exp(b' (N + L)^-1 b / 2).
         """
         optimize, linalg = (
@@ -255,8 +265,8 @@ class Solver:
             for part in ("optimize", "linalg")
         )
         normal, taus_s = self._normal, self.noise.taus_s[:3]
-        ties = gain * self._within(normal.information)
-        pull = gain * (normal.gradient + normal.information @ self._at)[self.free]
+        seen = self._within(normal.information)
+        pull = (normal.gradient + normal.information @ self._at)[self.free]
 
         def noise(logs: Array) -> Noise:
             factor, tau = np.exp(logs).tolist()
@@ -265,7 +275,7 @@ class Solver:
 
         def unlikeliness(logs: Array) -> float:
             information, log_determinant = prior(self._flight.times_s, noise(logs))
-            root = np.linalg.cholesky(ties + self._within(information))
+            root = np.linalg.cholesky(seen + self._within(information))
             half = linalg.solve_triangular(root, pull, lower=True)  # its square is the exponent
             fit = 2 * np.log(np.diag(root)).sum() - log_determinant - half @ half
             return float(fit + ((logs / _SPREAD) ** 2).sum())

@@ -28,7 +28,9 @@ import numpy as np
 
 from tirgeo_ros.core.adjustment.normal_equations import Noise
 from tirgeo_ros.core.adjustment.solver import AdjustmentConfig, Solver
-from tirgeo_ros.core.adjustment.tied_views import GROUND, PARAMETERS, TiedFlight, TiedView
+from tirgeo_ros.core.adjustment.tied_views import FOCAL, GROUND, PARAMETERS, TiedFlight, TiedView
+from tirgeo_ros.core.calibration.boresight_fit import LEAST_SHARE
+from tirgeo_ros.core.calibration.boresight_model import PointSighting
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.ties.tracks import Tracks
@@ -43,6 +45,7 @@ LEAST_POINTS, LEAST_PICTURES = 20, 3
 #: A parameter is not determined if its sigma stays above this share of its prior sigma, or above
 #: the second share if it is as good as one with another parameter (by their correlation).
 MOST_SHARE, _MOST_SHARE_OF_ONE, _ONE = 0.7, 0.3, 0.98
+_MOST_FOCAL = 3.0  # prior sigmas by which surveyed points may change the focal length
 _PARTNER = 0.8  # correlation from which on another parameter is named as the reason
 _ALIKE = (
     "it moves pictures of one heading alike, and those of others as their positions' errors do; "
@@ -119,19 +122,24 @@ def fit_ties(
     prior_sigma: Array = PRIOR_SIGMA,
     applied: Array | None = None,
     config: AdjustmentConfig | None = None,
+    clicks: Sequence[PointSighting] = (),
 ) -> TieFit:
-    """Fit PARAMETERS, the poses of the pictures with ties, and the ties' points.
+    """Fit PARAMETERS, the poses of the pictures with ties or clicks, and the ties' points.
 
     ``prior_sigma`` (8,) holds a parameter where it is zero. ``ground`` is the ellipsoidal height
     of the ground, m, or an elevation model. The slopes are taken as constant, so after a large
     correction compose poses and cameras again with it, and fit again with it as ``applied`` (8,).
-    The correction and the priors are counted from the present values in any case.
+    The correction and the priors are counted from the present values in any case. ``clicks`` on
+    surveyed points, in any of ``views``, are the fit's last sightings, in their order.
 
-    Raises CalibrationError if there are too few ties, or they do not agree.
+    Raises CalibrationError if there are too few ties, or they or the clicks do not agree.
     """
-    kept = _tied(views, tracks)
+    _check_numbers(tracks)
+    tracks, surveyed_n = _with_clicks(tracks, clicks)
+    by_stamp = {tied.view.stamp_ns: tied for tied in views}
+    kept = [by_stamp[stamp] for stamp in tracks.stamps_ns.tolist()]
     applied = np.zeros(8) if applied is None else applied
-    flight = TiedFlight(kept, tracks, prior_sigma, plane, ground, applied)
+    flight = TiedFlight(kept, tracks, prior_sigma, plane, ground, applied, surveyed_n)
     solver = Solver(flight, config or AdjustmentConfig())
     solver.solve(robust=True)
     solver.solve()
@@ -143,6 +151,7 @@ def fit_ties(
     solver.solve()
     solver.estimate_noise()
     solver.solve()
+    _check_clicks(solver.used[flight.clicks], float(solver.x[FOCAL]), prior_sigma[FOCAL])
     joint = solver.covariance(considered=reasons)
     return TieFit(
         flight=flight,
@@ -158,8 +167,8 @@ def fit_ties(
     )
 
 
-def _tied(views: Sequence[TiedView], tracks: Tracks) -> list[TiedView]:
-    """Return the pictures that have ties; raise CalibrationError if there are too few."""
+def _check_numbers(tracks: Tracks) -> None:
+    """Raise CalibrationError if there are too few ties."""
     points, pictures = int(tracks.point.max(initial=-1)) + 1, len(tracks.stamps_ns)
     if points < LEAST_POINTS or pictures < LEAST_PICTURES:
         raise CalibrationError(
@@ -167,8 +176,30 @@ def _tied(views: Sequence[TiedView], tracks: Tracks) -> list[TiedView]:
             f"{LEAST_PICTURES} pictures are needed; fly strips that overlap by half, over ground "
             "with texture"
         )
-    by_stamp = {tied.view.stamp_ns: tied for tied in views}
-    return [by_stamp[stamp] for stamp in tracks.stamps_ns.tolist()]
+
+
+def _with_clicks(tracks: Tracks, clicks: Sequence[PointSighting]) -> tuple[Tracks, Array]:
+    """Return the tracks with those of clicks at their end, and the places (C, 3) of the latter."""
+    if not clicks:
+        return tracks, np.empty((0, 3))
+    seen_ns = np.concatenate([tracks.stamps_ns[tracks.picture], [c.stamp_ns for c in clicks]])
+    stamps, picture = np.unique(seen_ns, return_inverse=True)
+    ids = [click.id for click in clicks]
+    _, first, number = np.unique(ids, return_index=True, return_inverse=True)
+    point = np.concatenate([tracks.point, tracks.point.max() + 1 + number])
+    uv = np.concatenate([tracks.uv, [click.uv for click in clicks]])
+    return Tracks(stamps, picture, point, uv), np.array([clicks[k].point_n for k in first])
+
+
+def _check_clicks(used: BoolArray, focal: float, sigma: float) -> None:
+    """Raise CalibrationError if too few clicks agree, or if only ``focal`` (in sigmas) does it."""
+    # From one height, wrong heights of the survey and another focal length are one.
+    if used.sum() < LEAST_SHARE * len(used) or (len(used) and abs(focal) > _MOST_FOCAL):
+        raise CalibrationError(
+            f"{used.sum()} of {len(used)} observations of surveyed points agree with the ties, at "
+            f"{1 + focal * sigma:.2f} of the focal length: check their ids and stamps, the "
+            "survey's heights (ellipsoidal) and the camera's calibration"
+        )
 
 
 def _undetermined(covariance: Array) -> dict[str, str]:

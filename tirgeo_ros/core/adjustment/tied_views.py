@@ -35,7 +35,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain, locate
 from tirgeo_ros.core.ties.tracks import Tracks
 from tirgeo_ros.core.ties.view import View
-from tirgeo_ros.core.types.arrays import Array, IntArray
+from tirgeo_ros.core.types.arrays import Array, BoolArray, IntArray
 from tirgeo_ros.core.types.errors import CalibrationError, CameraError
 from tirgeo_ros.core.types.poses import CameraPose
 
@@ -67,6 +67,19 @@ class TiedFlight:
     plane: TangentPlane
     ground: Ground  # ellipsoidal height, m, or an elevation model
     applied: Array  # (8,) corrections with which the views were composed
+    #: (C, 3) where the survey has the last C of the points, m.
+    surveyed_n: Array = dataclasses.field(default_factory=lambda: np.empty((0, 3)))
+
+    @functools.cached_property
+    def surveyed(self) -> IntArray:
+        """Return the numbers (C,) of the surveyed points."""
+        end = int(self.tracks.point.max()) + 1
+        return np.arange(end - len(self.surveyed_n), end)
+
+    @functools.cached_property
+    def clicks(self) -> BoolArray:
+        """Return which sightings (N,) are of surveyed points."""
+        return np.isin(self.tracks.point, self.surveyed)
 
     @functools.cached_property
     def roots(self) -> Array:
@@ -92,7 +105,7 @@ class TiedFlight:
         return View(view.stamp_ns, corrected_camera(view.camera, more), pose)
 
     def first_points(self) -> Array:
-        """Return places (M, 3) of the points: the mean of where their rays meet the ground."""
+        """Return places (M, 3): the survey's, else the mean of where rays meet the ground."""
         tracks, places = self.tracks, np.full((len(self.tracks.uv), 3), np.nan)
         for (view, _), own in zip(self.views, self.sightings, strict=True):
             uv = tracks.uv[own]
@@ -101,19 +114,23 @@ class TiedFlight:
         sums = np.zeros((tracks.point.max() + 1, 4))
         np.add.at(sums, tracks.point[hits], np.insert(places[hits], 3, 1.0, axis=1))
         with np.errstate(invalid="ignore"):
-            return np.asarray(sums[:, :3] / sums[:, 3:])
+            means = np.asarray(sums[:, :3] / sums[:, 3:])
+        means[self.surveyed] = self.surveyed_n
+        return means
 
     def linearised(self, x: Array, points_n: Array) -> tuple[Array, Array]:
-        """Return N + M residuals of two components, observed minus expected, and their slopes.
+        """Return N + M + C residuals of two components, observed minus expected, and their slopes.
 
-        The slopes (N + M, 2, 17) are by gamma, z of the sighting's picture, and the point (1/m).
-        First come the sightings (px), with nan for what is not in view; then each point's down
-        coordinate against the ground's (m, 0), zero where no ground is known.
+        The slopes (N + M + C, 2, 17) are by gamma, z of the sighting's picture, and the point
+        (1/m). First come the sightings (px), with nan for what is not in view; then each point's
+        down coordinate against the survey's or the ground's (m, 0), zero where no ground is known;
+        then north and east of the surveyed points against the survey's (m).
         """
         gamma, z, tracks = x[:8], x[8:].reshape(-1, 6), self.tracks
         count = len(tracks.uv)
-        residual = np.zeros((count + len(points_n), 2))
-        slopes = np.zeros((count + len(points_n), 2, 17))
+        end = count + len(points_n)
+        residual = np.zeros((end + len(self.surveyed), 2))
+        slopes = np.zeros((*residual.shape, 17))
         for k, own in enumerate(self.sightings):
             view = self.corrected(k, gamma * self.prior_sigma, z[k])
             places = points_n[tracks.point[own]]
@@ -126,9 +143,13 @@ class TiedFlight:
             slopes[own] = np.nan_to_num(np.concatenate(parts, axis=2))
         lack = self._above(points_n) - gamma[GROUND] * self.prior_sigma[GROUND]
         known = np.isfinite(lack)
-        residual[count:, 0] = np.where(known, lack, 0.0)
-        slopes[count:, 0, GROUND] = known * self.prior_sigma[GROUND]
-        slopes[count:, 0, -1] = known
+        residual[count:end, 0] = np.where(known, lack, 0.0)
+        slopes[count:end, 0, GROUND] = known * self.prior_sigma[GROUND]
+        slopes[count:end, 0, -1] = known
+        down, off_n = count + self.surveyed, self.surveyed_n - points_n[self.surveyed]
+        residual[down, 0], residual[end:] = off_n[:, 2], off_n[:, :2]
+        slopes[down, 0, GROUND], slopes[down, 0, -1] = 0.0, 1.0
+        slopes[end:, :, 14:16] = np.eye(2)
         return residual, slopes
 
     def _above(self, points_n: Array) -> Array:

@@ -67,7 +67,7 @@ _DAMPED_FROM = 8
 _SETTLED = 1e-3  # of LIMITS
 #: Largest change of latency: further from a picture no poses are kept.
 _MOST_LATENCY_S = 0.8
-_LEAST_SHARE = 2 / 3  # of the observations that must agree
+LEAST_SHARE = 2 / 3  # of the observations that must agree
 _LATENCY = PARAMETERS.index("latency")
 
 # The least that a fit needs, and advice if a parameter cannot be found.
@@ -223,7 +223,7 @@ def _solved(
             sigmas = _sigmas(sight)
             before, used = used, sigmas <= MOST_SIGMAS * _scale(sigmas)  # nan compares false
             ratio = np.nan_to_num(sigmas, nan=np.inf) / (_CAUCHY_SIGMAS * _scale(sigmas))
-            if not robust and used.sum() < _LEAST_SHARE * len(used):
+            if not robust and used.sum() < LEAST_SHARE * len(used):
                 raise CalibrationError(
                     f"only {used.sum()} of {len(used)} observations agree with each other: check "
                     "their ids and stamps, the survey's heights (ellipsoidal) and the camera's "

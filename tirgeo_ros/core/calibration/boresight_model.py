@@ -68,7 +68,9 @@ _LATENCY, _NORTH, _GROUND = (
     PARAMETERS.index(name) for name in ("latency", "gimbal_north", "ground_height")
 )
 #: Position sigma of a surveyed point, per axis: that of an RTK rover.
-_SURVEY_SIGMA_M = 0.02
+SURVEY_SIGMA_M = 0.02
+#: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
+CLICK_SIGMA_PX = 1.0
 
 #: Returns the camera's pose and rates at an instant (ns), or None if it is not known.
 PoseAt = Callable[[int], tuple[CameraPose, CameraRates | None] | None]
@@ -212,7 +214,7 @@ def _sight(flight: SightedFlight, sighting: PointSighting, correction: Array) ->
     uv = flight.camera.project((point_n - pose.position_n) @ matrix_from_quat(pose.q_nc))[0][0]
     design = by_pose @ slopes
     design[:, _GROUND] = -by_point[:, 2]
-    noise = flight.click_sigma_px**2 * np.eye(2) + _SURVEY_SIGMA_M**2 * by_point @ by_point.T
+    noise = flight.click_sigma_px**2 * np.eye(2) + SURVEY_SIGMA_M**2 * by_point @ by_point.T
     values, vectors = np.linalg.eigh(pose.covariance)  # a variance may be negative by rounding
     root = (vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T
     return Sight(sighting.uv - uv, design, noise, by_pose @ root)

@@ -18,9 +18,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,7 @@ from tirgeo_ros.core.calibration.boresight_fit import (
     rmse_m,
 )
 from tirgeo_ros.core.calibration.boresight_model import (
+    CLICK_SIGMA_PX,
     PARAMETERS,
     PointSighting,
     SightedFlight,
@@ -43,7 +44,7 @@ from tirgeo_ros.core.calibration.boresight_model import (
 )
 from tirgeo_ros.core.config.schema import config_from, values_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.types.arrays import Array
+from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -60,8 +61,6 @@ from tirgeo_ros.tools.replay.stepped_flight import SteppedFlight
 #: Parameters estimated by default, and the one estimated only if the flight can determine it.
 USUAL = ("roll", "pitch", "yaw", "latency")
 IF_DETERMINED = "gimbal_north"
-#: Standard deviation per axis (px) of an operator's click on a point in a thermal picture.
-CLICK_SIGMA_PX = 1.0
 #: Residuals larger than expected by this factor cause a note.
 _MUCH = 2.0
 _UNITS = {"latency": "ms", "ground_height": "m"}  # all others: deg
@@ -121,26 +120,21 @@ def calibrate_boresight(
         fitted, notes = _fit(read, wanted, strict=estimate is not None)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    result = _result(read, configs, fitted, opened.notes + read.notes + notes)
+    result = _result(read, configs, fitted, opened.notes + read.clicks.notes + notes)
     lines = boresight_lines(result.numbers)
     files = [(output, lambda: result.yaml("boresight", bag, lines))]
-    numbers = {"unknown_ids": read.unknown, "without_pose": read.lost, "notes": result.notes}
+    unknown, lost = read.clicks.unknown, read.clicks.lost
+    numbers = {"unknown_ids": unknown, "without_pose": lost, "notes": result.notes}
     first = {"input": os.fspath(bag), "smoothed": smooth}
     return first | written(files, result.numbers | numbers, reader)
 
 
-@dataclass(frozen=True)
-class _ReadFlight:
-    """Hold a flight with its computed poses, and the observations of its points."""
+class Clicks(NamedTuple):
+    """Hold the observations of surveyed points in pictures with a pose, and count the others."""
 
-    flight: SightedFlight
-    plane: TangentPlane
-    sightings: list[PointSighting]
+    sightings: Sequence[PointSighting]
     unknown: int  # observations of points that the survey lacks
     lost: int  # observations of pictures without a pose
-    ground_m: float  # median height of the points seen, ellipsoidal; nan without any
-    by_encoders: bool
-    follows_north: bool  # the composer estimated the gimbal's north during the flight
 
     @property
     def notes(self) -> list[str]:
@@ -150,6 +144,47 @@ class _ReadFlight:
             "pictures without a pose": self.lost,
         }
         return [f"{number} observations of {what}" for what, number in faults.items() if number]
+
+    def outliers(self, residuals: Array, used: BoolArray) -> list[dict[str, Any]]:
+        """Return the sightings (N,) that a fit left out, with their residuals (N, 2), px."""
+        off_px = np.hypot(*residuals.T).tolist()
+        return [
+            {"id": sighting.id, "stamp_ns": sighting.stamp_ns, "off_px": length}
+            for sighting, length, is_used in zip(self.sightings, off_px, used, strict=True)
+            if not is_used
+        ]
+
+
+def clicks_of(
+    observed: Sequence[Observation],
+    survey: Sequence[SurveyPoint],
+    plane: TangentPlane,
+    has_pose: Callable[[int], bool],
+) -> Clicks:
+    """Return the observations of surveyed points; ``has_pose`` is asked for each stamp."""
+    points_n = {
+        point.id: plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
+        for point in survey
+    }
+    surveyed = [observation for observation in observed if observation.id in points_n]
+    posed = [
+        PointSighting(click.id, click.stamp_ns, np.array([click.u, click.v]), points_n[click.id])
+        for click in surveyed
+        if has_pose(click.stamp_ns)
+    ]
+    return Clicks(posed, len(observed) - len(surveyed), len(surveyed) - len(posed))
+
+
+@dataclass(frozen=True)
+class _ReadFlight:
+    """Hold a flight with its computed poses, and the observations of its points."""
+
+    flight: SightedFlight
+    plane: TangentPlane
+    clicks: Clicks
+    ground_m: float  # median height of the points seen, ellipsoidal; nan without any
+    by_encoders: bool
+    follows_north: bool  # the composer estimated the gimbal's north during the flight
 
 
 def _read(
@@ -176,25 +211,16 @@ def _read(
         smooth=smooth,
     )
     flight, plane = stepped.sighted(click_sigma_px), stepped.plane
-    points = {point.id: point for point in survey}
-    surveyed = [observation for observation in observed if observation.id in points]
     present = np.zeros(len(PARAMETERS))
-    points_n = {
-        name: plane.ned_from_geodetic(point.latitude_rad, point.longitude_rad, point.height_m)
-        for name, point in points.items()
-    }
-    posed = [
-        PointSighting(click.id, click.stamp_ns, np.array([click.u, click.v]), points_n[click.id])
-        for click in surveyed
-        if corrected_pose(flight, click.stamp_ns, present) is not None
-    ]
-    heights = [points[name].height_m for name in {sighting.id for sighting in posed}]
+    clicks = clicks_of(
+        observed, survey, plane, lambda at: corrected_pose(flight, at, present) is not None
+    )
+    seen = {sighting.id for sighting in clicks.sightings}
+    heights = [point.height_m for point in survey if point.id in seen]
     return _ReadFlight(
         flight=flight,
         plane=plane,
-        sightings=posed,
-        unknown=len(observed) - len(surveyed),
-        lost=len(surveyed) - len(posed),
+        clicks=clicks,
         ground_m=float(np.median(heights)) if heights else math.nan,
         by_encoders=stepped.by_encoders,
         follows_north=stepped.follows_north,
@@ -222,9 +248,9 @@ def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Boresig
     """
 
     def foreseen_doubt(names: Sequence[str], share: float = 1.0) -> Ambiguity | None:
-        return doubt(names, foreseen(read.flight, read.sightings, names), share)
+        return doubt(names, foreseen(read.flight, read.clicks.sightings, names), share)
 
-    check_numbers(read.sightings)
+    check_numbers(read.clicks.sightings)
     notes = []
     if IF_DETERMINED in wanted:
         why = ""
@@ -247,7 +273,7 @@ def _fit(read: _ReadFlight, wanted: list[str], *, strict: bool) -> tuple[Boresig
             key = key_of(IF_DETERMINED, read.by_encoders)
             notes.append(f"{IF_DETERMINED} ({key}) held at its present value: {why}")
     _refuse(foreseen_doubt(wanted))
-    fitted = fit(read.flight, read.sightings, wanted)
+    fitted = fit(read.flight, read.clicks.sightings, wanted)
     ambiguity = doubt(wanted, fitted.covariance)
     if ambiguity is not None and fitted.noise_factor > 1:
         raise CalibrationError(
@@ -280,7 +306,7 @@ def _result(
 
     Residuals are in px, lengths on the ground in m.
     """
-    used = [s for s, is_used in zip(read.sightings, fitted.used, strict=True) if is_used]
+    used = [s for s, is_used in zip(read.clicks.sightings, fitted.used, strict=True) if is_used]
     present = _present(read, configs)
     estimates = {}
     for name, sigma in fitted.sigma.items():
@@ -300,13 +326,7 @@ def _result(
         "points": len({sighting.id for sighting in used}),
         "pictures": len({sighting.stamp_ns for sighting in used}),
         "observations": len(used),
-        "outliers": [
-            {"id": sighting.id, "stamp_ns": sighting.stamp_ns, "off_px": length}
-            for sighting, length, is_used in zip(
-                read.sightings, np.hypot(*fitted.after.T).tolist(), fitted.used, strict=True
-            )
-            if not is_used
-        ],
+        "outliers": read.clicks.outliers(fitted.after, fitted.used),
         "noise_factor": fitted.noise_factor,
         "residual_rms_px": {
             when: float(np.sqrt(np.nanmean((residuals[fitted.used] ** 2).sum(1))))
@@ -319,6 +339,15 @@ def _result(
     }
     nodes = _nodes(present, fitted, configs, {row["key"] for row in estimates.values()})
     return Result(numbers, nodes, notes + _notes(numbers, nodes))
+
+
+def left_out(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return a note on each of the outliers."""
+    return [
+        f"left out {row['id']} at {row['stamp_ns']}: "
+        + ("not in view" if math.isnan(row["off_px"]) else f"{row['off_px']:.0f} px off")
+        for row in rows
+    ]
 
 
 def _present(read: _ReadFlight, configs: NodeConfigs) -> Array:
@@ -353,11 +382,7 @@ def _nodes(
 
 
 def _notes(numbers: Mapping[str, Any], nodes: Mapping[str, Mapping[str, Value]]) -> list[str]:
-    notes = [
-        f"left out {row['id']} at {row['stamp_ns']}: "
-        + ("not in view" if math.isnan(row["off_px"]) else f"{row['off_px']:.0f} px off")
-        for row in numbers["outliers"]
-    ]
+    notes = left_out(numbers["outliers"])
     if numbers["noise_factor"] > _MUCH:
         notes.append(
             f"residuals are {numbers['noise_factor']:.1f} times as large as the sigmas of clicks "

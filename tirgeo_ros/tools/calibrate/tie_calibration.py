@@ -14,7 +14,8 @@
 # limitations under the License.
 """Calibrate the set-up by a flight's own pictures: ``tirgeo calibrate boresight --ties``.
 
-Every fifth pair of pictures is left out of the fit, and judges it.
+Clicks on surveyed points may be in the same fit. Every fifth pair of pictures is left out of the
+fit, and judges it.
 """
 
 from __future__ import annotations
@@ -27,9 +28,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.adjustment.adjustment import known_downs
+from tirgeo_ros.core.adjustment.adjustment import known_downs, places
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, TieFit
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, corrected_camera
+from tirgeo_ros.core.calibration.boresight_fit import check_numbers, rmse_m
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.ties.tracks import TiedPair
 from tirgeo_ros.core.ties.view import View
@@ -41,6 +43,8 @@ from tirgeo_ros.io.files.whole_files import PathLike
 from tirgeo_ros.io.logs.log_contents import LogOptions
 from tirgeo_ros.io.parameters.parameter_file import Files, Value
 from tirgeo_ros.io.pictures.camera_file import camera_yaml
+from tirgeo_ros.io.surveys.survey import Observation, SurveyPoint, load_observations, load_survey
+from tirgeo_ros.tools.calibrate.boresight import Clicks, clicks_of, left_out
 from tirgeo_ros.tools.calibrate.result import Result, estimate, estimates_table, written
 from tirgeo_ros.tools.convert.direct_input import NO_OPTIONS
 from tirgeo_ros.tools.presentation.plots import COLOURS, figure, png
@@ -78,6 +82,8 @@ def calibrate_by_ties(
     bag: PathLike,
     output: PathLike,
     *,
+    survey: PathLike | None = None,
+    observations: PathLike | None = None,
     params: Files = None,
     hold: Collection[str] = (),
     namespace: str = "",
@@ -90,10 +96,11 @@ def calibrate_by_ties(
 ) -> dict[str, object]:
     """Estimate PARAMETERS from what a flight's pictures show twice; return a summary.
 
-    Write them to ``output``; beside it the camera's calibration, if the fit found one, and a plot
-    of what was left out. What the flight cannot tell keeps its value, with a note, and so does
-    what is in ``hold``. Raise CalibrationError if there are too few ties, BagError, CameraError,
-    ConfigError, ElevationError.
+    Clicks on surveyed points enter the same fit if ``survey`` and ``observations`` are given.
+    Write PARAMETERS to ``output``; beside it the camera's calibration, if the fit found one, and a
+    plot of what was left out. What the flight cannot tell keeps its value, with a note, and so
+    does what is in ``hold``. Raise CalibrationError if there are too few ties or points, BagError,
+    CameraError, ConfigError, ElevationError, SurveyError.
     """
     needed("matplotlib", f"drawing a plot beside {output}", CalibrationError)
     beside = Path(output).with_suffix(".png"), Path(f"{Path(output).with_suffix('')}_camera.yaml")
@@ -105,18 +112,25 @@ def calibrate_by_ties(
         params,
         namespace,
         options,
+        inputs=[path for path in (survey, observations) if path],
         error=CalibrationError,
         logs=logs,
         progress=progress,
     )
     reader, configs = opened.reader, opened.configs
+    observed: tuple[list[Observation], list[SurveyPoint]] = [], []
+    if survey and observations:
+        observed = load_observations(observations, reader.stills()), load_survey(survey)
     ties = flight_ties(reader, namespace, configs, progress, smooth=smooth)
-    held, loose = {*hold}, _without_scale(ties)
+    clicks = clicks_of(*observed, ties.stepped.plane, ties.views.__contains__)
+    held, loose = {*hold}, [] if survey else _without_scale(ties)
     held |= {"focal"} if loose else set()
     held |= {"ground_height"} if configs.overlay.dem else set()  # the model has it
     held |= set() if has_rates(reader, namespace) else {"latency"}  # a still has none
     try:
-        fit = ties.fit(_prior_sigma(ties, held))
+        if survey:
+            check_numbers(clicks.sightings)
+        fit = ties.fit(_prior_sigma(ties, held), clicks.sightings)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     judged = _judged(ties, fit)
@@ -133,10 +147,14 @@ def calibrate_by_ties(
         "pictures": len(fit.views),
         "pairs": len(ties.pairs),
         "ties": sum(len(pair.first_uv) for pair in ties.pairs),
-        "points": len(fit.points_n),
+        "points": len(fit.points_n) - len(fit.flight.surveyed_n),
         "residual_px": fit.noise.pixel_sigma,
     }
-    result = Result(numbers, nodes, [*opened.notes, *loose, *_notes(fit)])
+    notes = [*opened.notes, *loose, *_notes(fit)]
+    if survey:
+        numbers["surveyed"] = _surveyed(ties, fit, clicks)
+        notes += [*clicks.notes, *left_out(numbers["surveyed"]["outliers"])]
+    result = Result(numbers, nodes, notes)
     lines = ties_lines(numbers)
     files: list[tuple[PathLike | None, Callable[[], str | bytes]]] = [
         (output, lambda: result.yaml("boresight --ties", bag, lines)),
@@ -164,12 +182,7 @@ def _without_scale(ties: FlightTies) -> list[str]:
 
 def _judged(ties: FlightTies, fit: TieFit) -> dict[str, _Judged]:
     """Return the pairs that the fit has not seen, all of them and those of opposite headings."""
-    flight, downs = fit.flight, known_downs(fit)
-    before = {tied.view.stamp_ns: tied.view for tied in flight.views}
-    still = np.zeros(6)
-    after = {
-        stamp_ns: flight.corrected(k, fit.correction, still) for k, stamp_ns in enumerate(before)
-    }
+    downs, (before, after) = known_downs(fit), _set_up(fit)
 
     def judged(pairs: Sequence[TiedPair]) -> _Judged:
         ways = (before, None), (after, None), (after, downs)
@@ -178,6 +191,32 @@ def _judged(ties: FlightTies, fit: TieFit) -> dict[str, _Judged]:
     known = [pair for pair in ties.judges if {pair.first_ns, pair.second_ns} <= before.keys()]
     parts = {"all": known, "opposite": [pair for pair in known if _is_opposite(pair, before)]}
     return {name: judged(part) for name, part in parts.items() if part or name == "all"}
+
+
+def _set_up(fit: TieFit) -> tuple[dict[int, View], dict[int, View]]:
+    """Return the pictures by stamp: before, and with the set-up corrected, not each pose."""
+    flight, still = fit.flight, np.zeros(6)
+    before = {tied.view.stamp_ns: tied.view for tied in flight.views}
+    return before, {s: flight.corrected(k, fit.correction, still) for k, s in enumerate(before)}
+
+
+def _surveyed(ties: FlightTies, fit: TieFit, clicks: Clicks) -> dict[str, Any]:
+    """Return how the surveyed points fit; on the ground at their own heights, without z."""
+    plane, used = ties.stepped.plane, fit.used[fit.flight.clicks]
+    kept = [s for s, is_used in zip(clicks.sightings, used, strict=True) if is_used]
+
+    def off_m(views: Mapping[int, View]) -> float:
+        at = ((views[s.stamp_ns], s.uv[None], s.point_n[2:]) for s in kept)
+        located_n = [places(*each, plane, ties.ground)[0] for each in at]
+        return rmse_m(np.array(located_n) - [s.point_n for s in kept])
+
+    before, after = map(off_m, _set_up(fit))
+    return {
+        "points": len({sighting.id for sighting in kept}),
+        "observations": len(kept),
+        "outliers": clicks.outliers(fit.residuals[fit.flight.clicks], used),
+        "ground_rmse_m": {"before": before, "after": after},
+    }
 
 
 def _check(reader: BagReader, judged: Mapping[str, _Judged]) -> None:
@@ -269,7 +308,14 @@ def ties_lines(result: Mapping[str, Any]) -> list[str]:
         )
         lines.append(f"{row['pairs']} pairs{where} left out of the fit disagree by {numbers}")
     fitted = f"{result['ties']} ties in {result['pairs']} pairs of {result['pictures']} pictures"
-    return [*lines, *estimates_table(result["parameters"]), fitted]
+    lines += [*estimates_table(result["parameters"]), fitted]
+    for row in [result["surveyed"]] if "surveyed" in result else []:
+        off = row["ground_rmse_m"]
+        lines.append(
+            f"{row['observations']} observations of {row['points']} surveyed points: on the "
+            f"ground {off['before']:.3f} m before, {off['after']:.3f} m after (rmse)"
+        )
+    return lines
 
 
 def _plot(judged: _Judged) -> bytes:

@@ -27,6 +27,7 @@ from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, TieFit, fit_ties
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedView
 from tirgeo_ros.core.calibration.boresight_model import (
     PARAMETERS as SIGHTED,
+    PointSighting,
     SightedFlight,
     by_mounting,
     corrected_pose,
@@ -68,8 +69,8 @@ class FlightTies(NamedTuple):
         """Return every fifth pair, which no fit sees."""
         return [pair for k, pair in enumerate(self.pairs) if k % _FIFTH == _FIFTH - 1]
 
-    def fit(self, prior_sigma: Array) -> TieFit:
-        """Return the fit to the other pairs; ``prior_sigma`` (P,) of PARAMETERS.
+    def fit(self, prior_sigma: Array, clicks: Sequence[PointSighting] = ()) -> TieFit:
+        """Return the fit to the other pairs and to clicks; ``prior_sigma`` (P,) of PARAMETERS.
 
         Raise CalibrationError if there are too few, or if they do not agree.
         """
@@ -81,8 +82,8 @@ class FlightTies(NamedTuple):
                 "ground with structure (no water, no snow)"
             )
         tracks = tracks_of([p for k, p in enumerate(self.pairs) if k % _FIFTH != _FIFTH - 1])
-        views = [self.views[stamp_ns] for stamp_ns in tracks.stamps_ns.tolist()]
-        return fit_ties(views, tracks, self.stepped.plane, self.ground, prior_sigma)
+        views, plane = [*self.views.values()], self.stepped.plane
+        return fit_ties(views, tracks, plane, self.ground, prior_sigma, clicks=clicks)
 
     def apart_m(
         self, views: Mapping[int, View], pairs: Sequence[TiedPair], downs: Downs | None = None

@@ -15,10 +15,10 @@
 r"""Find the camera's mounting error and the video's latency from a flight.
 
 Finds how the camera is mounted on its gimbal and how late the video is, from surveyed points and
-their pixels in one flight, or with --ties from what its own pictures show twice, without a
-surveyed point; then the gimbal's north, focal length and the ground's height too. What the flight
-cannot tell is refused, with --ties kept, and said. Give the file to --params and to the nodes
-after the aircraft's own file.
+their pixels in one flight, or with --ties from what its own pictures show twice, without surveyed
+points or together with them; then the gimbal's north, focal length and the ground's height too.
+What the flight cannot tell is refused, with --ties kept, and said. Give the file to --params and
+to the nodes after the aircraft's own file.
 
 example:
   tirgeo calibrate boresight bags/sample/flight.mcap --survey bags/sample/survey.geojson \
@@ -53,7 +53,7 @@ _HOLD_HELP = f"parameters that keep their values in --params, of {', '.join(_NAM
 _LIST = {"type": names_of(_NAMES)}
 OPTIONS = (
     *FLIGHT,
-    ("--ties", None, "no surveyed points: calibrate by what the pictures show twice"),
+    ("--ties", None, "by what the pictures show twice; surveyed points are optional then"),
     *(option[:3] for option in SURVEY),
     *GROUND,
     ("-o --output", "YAML", "parameter file to write", NEEDED),
@@ -67,15 +67,18 @@ OPTIONS = (
 def run(args: argparse.Namespace) -> dict[str, object]:
     """Run the calibration; return its summary."""
     points = {"--survey": args.survey, "--observations": args.observations}
+    missing = [name for name, value in points.items() if value is None]
     if args.ties:
-        for option in [n for n, x in (points | {"--estimate": args.estimate}).items() if x]:
-            raise UsageError(f"{option} is not for --ties")
+        if args.estimate:
+            raise UsageError("--estimate is not for --ties")
+        if len(missing) == 1:
+            raise UsageError(f"{missing[0]} is needed too")
         from tirgeo_ros.tools.calibrate.tie_calibration import (  # noqa: PLC0415 heavy
             calibrate_by_ties,
         )
 
         return call(calibrate_by_ties, args, "calibrating")
-    for option in [name for name, value in points.items() if value is None]:
+    for option in missing:
         raise UsageError(f"{option} is needed, or --ties")
     from tirgeo_ros.tools.calibrate.boresight import calibrate_boresight  # noqa: PLC0415 heavy
 
