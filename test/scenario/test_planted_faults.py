@@ -108,6 +108,22 @@ def test_nothing_is_wrong_with_other_simulated_flights(name, tmp_path):
     assert worse_than_notes(check(**FlightFiles.in_folder(folder).arguments)) == []
 
 
+def test_pictures_of_two_headings_tell_a_boresight_of_2_deg(tmp_path):
+    scenario, folder = tmp_path / "scenario.yaml", tmp_path / "flight"
+    scenario.write_text("route: {legs: 4, leg_length_m: 20.0, leg_spacing_m: 10.0}\n")
+    simulate(scenario, folder, seed=15, start_s=15.0, duration_s=40.0)
+    good = FlightFiles.in_folder(folder)
+    right = check(**good.arguments)
+    assert worse_than_notes(right) == []
+    turned = right["checked"]["disagreement"]["other_headings"]
+    assert turned["pairs"] >= 3
+    assert turned["apart_m"] < 0.3  # 20 m above ground
+    planted = next(one for one in FAULTS if one.name == "boresight 2 deg").plant(good, tmp_path)
+    (found,) = check(**planted.arguments)["findings"]
+    assert found["check"] == "pictures_disagree"
+    assert "calibrate boresight --ties" in found["mend"]
+
+
 def test_a_right_boresight_is_no_fault(sample, tmp_path):
     """What is planted is not the parameter as such: the same one at its true value is right."""
     (tmp_path / "true.yaml").write_text(

@@ -23,8 +23,14 @@ import pytest
 from scenes import PLANE, graticule
 from tied_flights import GROUND_M, PLANTED, Course, error_of, fitted, slopes_of, tied_truth
 
-from tirgeo_ros.core.adjustment.adjustment import Adjustment, disagreement, known_downs
+from tirgeo_ros.core.adjustment.adjustment import (
+    Adjustment,
+    disagreement,
+    known_downs,
+    shift_sigmas,
+)
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA
+from tirgeo_ros.core.adjustment.tied_views import PARAMETERS
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ties.tracks import TiedPair
 
@@ -145,3 +151,41 @@ def test_an_elevation_model_is_the_ground_too(planted_flight):
     over_terrain = fitted(truth, np.where(np.arange(8) == 3, 0.0, PRIOR_SIGMA), ground_m=level)
     assert np.allclose(over_terrain.correction, fit.correction, atol=1e-3)
     assert fit.correction[:3] == pytest.approx(PLANTED[:3], abs=4 * fit.sigma[:3].max())
+
+
+def median_shift(planted, raised_m=0.0, sigma_m=0.1, attitude_deg=0.15):
+    """Return the median shift, in sigmas, of pairs of opposite headings."""
+    truth = tied_truth((COURSE,), np.array(planted), seed=3, attitude_deg=attitude_deg)
+    views, shifts = {tied.view.stamp_ns: tied.view for tied in truth.views}, []
+    for pair in pairs_of(truth, 10_000):
+        both = views[pair.first_ns], views[pair.second_ns]
+        if both[0].pose.q_nc @ both[1].pose.q_nc < 0.1:
+            given = PLANE, GROUND_M + raised_m, sigma_m
+            shifts.append(shift_sigmas(both, pair, *given))
+    assert len(shifts) > 20
+    return float(np.median(shifts))
+
+
+def off(**planted_deg):
+    return [np.radians(planted_deg.get(name, 0.0)) for name in PARAMETERS]
+
+
+def test_what_covariances_explain_is_no_disagreement():
+    # The median of two normal errors in the worst case is 1.18; attitudes of one flight are few
+    # draws, so leave half as much again.
+    assert median_shift(off()) < 1.8
+    assert median_shift(off(), attitude_deg=1.5) < 1.8
+    assert median_shift(off(), raised_m=5.0, sigma_m=5.0) < 1.8
+
+
+@pytest.mark.parametrize("name", ["pitch", "yaw", "gimbal_north"])
+def test_a_wrong_mounting_is_more_than_covariances_explain(name):
+    size_deg = 5.0 if name == "gimbal_north" else 2.0
+    assert median_shift(off(**{name: size_deg})) > 3.0
+
+
+def test_rays_without_ground_have_no_shift(planted_flight):
+    truth, _ = planted_flight
+    views, pair = {tied.view.stamp_ns: tied.view for tied in truth.views}, pairs_of(truth, 1)[0]
+    both = views[pair.first_ns], views[pair.second_ns]
+    assert np.isnan(shift_sigmas(both, pair, PLANE, GROUND_M + 500, 0.1))

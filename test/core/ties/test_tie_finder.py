@@ -383,3 +383,16 @@ def test_a_point_at_two_places_of_a_picture_is_left_out():
     assert tracks.uv[:, 0].tolist() == [7.0, 7.0]
     assert not len(tracks_of([]).point)
     assert not len(tracks_of([pair(1, 2)]).point)
+
+
+def test_crossing_pictures_are_of_both_headings():
+    finder = TieFinder(PLANE, PLANE.height_m - ABOVE_M)
+    assert finder.crossing(2) == []
+    for k in range(8):
+        finder.add(view_at(k, 12.0 * k, 0.0, 0.0), None)
+    assert finder.crossing(2) == []
+    for k in range(8):
+        finder.add(view_at(8 + k, 12.0 * (7 - k), 8.0, np.pi), None)
+    chosen = {view.stamp_ns // 10**9 for view in finder.crossing(2)}
+    # Two in each half of the first strip, the nearest ones of the strip back, and their next ones.
+    assert chosen == {0, 1, 4, 5, 11, 12, 15}

@@ -23,6 +23,7 @@ import numpy as np
 from tirgeo_ros.core.adjustment.normal_equations import correlations
 from tirgeo_ros.core.adjustment.tie_fit import TieFit
 from tirgeo_ros.core.adjustment.tied_views import moved, pose_root
+from tirgeo_ros.core.camera.projection_covariance import pixel_jacobian
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, locate
@@ -33,6 +34,9 @@ from tirgeo_ros.core.types.poses import CameraPose
 
 #: The height of a place (stamp, u, v) that the fit knows, as down coordinate, m.
 Downs = Mapping[tuple[int, float, float], float]
+
+#: Fewest ties of a pair that are judged. Those farther off than the median by this factor are not.
+_LEAST_TIES, _FAR = 6, 3.0
 
 
 class Adjustment:
@@ -124,6 +128,34 @@ def disagreement(
         )
         apart.append(np.hypot(*(first - second)[:, :2].T))
     return np.concatenate(apart)
+
+
+def shift_sigmas(
+    views: Sequence[View], pair: TiedPair, plane: TangentPlane, ground: Ground, sigma_m: float
+) -> float:
+    """Return by how many standard deviations two views disagree on where their ties are.
+
+    The deviation is that of both poses, of the ground's height (``sigma_m``), and the scatter of
+    the ties, which relief causes. Errors of one flight's poses are correlated: those of the two
+    count as opposite, the worst case. nan where too few rays meet the ground.
+    """
+    sights = zip(views, (pair.first_uv, pair.second_uv), strict=True)
+    points_n = np.array([locate(v.camera, v.pose, uv, plane, ground)[0] for v, uv in sights])
+    points_n = points_n[:, np.isfinite(points_n).all(axis=(0, 2))]
+    if points_n.shape[1] < _LEAST_TIES:
+        return np.nan
+    apart = (points_n[0] - points_n[1])[:, :2]
+    shift = np.median(apart, axis=0)
+    off = np.hypot(*(apart - shift).T)
+    covariance, by_height = np.cov(apart[off <= _FAR * np.median(off)].T), np.zeros(2)
+    for sign, view, own_n in zip((1, -1), views, points_n, strict=True):
+        by_pose, by_point = pixel_jacobian(view.camera, view.pose, own_n)
+        moved = np.linalg.pinv(by_point[:, :, :2]) @ by_pose
+        covariance += 2 * np.median(moved @ view.pose.covariance @ moved.swapaxes(1, 2), axis=0)
+        offset_n = own_n - view.pose.position_n
+        by_height += sign * np.median(offset_n[:, :2] / offset_n[:, 2:], axis=0)
+    covariance += sigma_m**2 * np.outer(by_height, by_height)
+    return float(np.sqrt(shift @ np.linalg.solve(covariance, shift)))
 
 
 def places(view: View, uv: Array, down: Array, plane: TangentPlane, ground: Ground) -> Array:

@@ -414,6 +414,10 @@ FINDINGS: Mapping[str, Row] = {
         "the camera looks {off_deg:.1f} deg away from its poses (roll, pitch, yaw {angles}; "
         "sigma {sigma_deg:.1f}) ({pairs} pairs of pictures)", _BORESIGHT,
         "add these angles, or run tirgeo calibrate boresight; check the principal point too"),
+    "pictures_disagree": _caution(
+        "pictures disagree by {apart_m:.1f} m between headings ({pairs} pairs, {sigmas:.1f} "
+        "sigma of their poses): gimbal north, boresight, focal length or ground height",
+        f"{_BORESIGHT}, north.bias_deg", "run tirgeo calibrate boresight --ties"),
     # Ground and map.
     "below_ground": _stop("{off_m:.1f} m below the ground", "{where}", _GROUND),
     "height_at_rest": Row(

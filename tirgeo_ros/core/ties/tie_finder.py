@@ -32,12 +32,15 @@ from tirgeo_ros.core.ties.view import View
 from tirgeo_ros.core.types.arrays import Array, RawPixels
 
 _TURN_RAD = math.radians(10.0)  # a picture is taken after this turn, whatever it shows
-_OTHER_HEADING_RAD = math.radians(60.0)
+OTHER_HEADING_RAD = math.radians(60.0)  # between two pictures
 _LEAST_OVERLAP = 0.3  # of a pair
 #: Best overlap of two pictures of one heading: the less, the better are heights known; the more,
 #: the surer are matches.
 _BEST_OVERLAP = 0.6
 _TURNED = 2  # pairs of other headings that a picture asks for first
+_NO_FEATURES = Features(
+    np.empty((0, 2)), np.empty((0, 3)), np.empty((0, 128), np.uint8), np.empty(0)
+)
 
 
 class _Picture(NamedTuple):
@@ -72,15 +75,15 @@ class TieFinder:
         if self._last is None:
             return True
         last, samples_n = self._last
-        turn_rad = _turns_rad(np.stack([last.pose.q_nc, view.pose.q_nc]))[0, 1]
+        turn_rad = turns_rad(np.stack([last.pose.q_nc, view.pose.q_nc]))[0, 1]
         is_soon = view.stamp_ns - last.stamp_ns < self._config.apart_s * 1e9
         most = self._config.most_overlap_soon if is_soon else self._config.most_overlap
         return bool(turn_rad >= _TURN_RAD or view.shows(samples_n).mean() < most)
 
-    def add(self, view: View, pixels: RawPixels) -> None:
+    def add(self, view: View, pixels: RawPixels | None) -> None:
         """Take the next picture, (h, w) or (h, w, 3) BGR, 8 or 16 bits, if it is wanted.
 
-        Only its features are kept.
+        Only its features are kept. Without pixels it has none, but it may be ``crossing``.
         """
         if not self.wants(view):
             return
@@ -89,11 +92,27 @@ class TieFinder:
         self._wanted += 1
         if (self._wanted - 1) % self._every:
             return
-        most = self._config.features
-        features = features_of(view, pixels, self._plane, self._ground, most)
+        most, features = self._config.features, _NO_FEATURES
+        if pixels is not None:
+            features = features_of(view, pixels, self._plane, self._ground, most)
         self._pictures.append(_Picture(view, samples_n, features))
         if len(self._pictures) > self._config.most_pictures:
             self._pictures, self._every = self._pictures[::2], 2 * self._every
+
+    def crossing(self, places: int) -> list[View]:
+        """Return four views at most of each of some places that were seen in two headings.
+
+        Of each place they are the two pictures that share most, and those that follow them.
+        """
+        if not self._pictures:
+            return []
+        turned = turns_rad(np.stack([each.view.pose.q_nc for each in self._pictures]))
+        shares = np.triu(self._overlaps() * (turned >= OTHER_HEADING_RAD))
+        seen = np.flatnonzero(shares.max(axis=1) >= _LEAST_OVERLAP)
+        parts = [part for part in np.array_split(seen, places) if len(part)]
+        firsts = [part[shares[part].max(axis=1).argmax()] for part in parts]
+        numbers = {k + step for i in firsts for k in (i, shares[i].argmax()) for step in (0, 1)}
+        return [each.view for k, each in enumerate(self._pictures) if k in numbers]
 
     def pairs(self) -> list[TiedPair]:
         """Return the ties of all pairs that have some, in the order of the pictures."""
@@ -121,12 +140,12 @@ class TieFinder:
         Each picture asks for the one that follows, two of other headings, and one of its own
         heading from another place; then for more of them.
         """
-        turned = _turns_rad(np.stack([each.view.pose.q_nc for each in self._pictures]))
+        turned = turns_rad(np.stack([each.view.pose.q_nc for each in self._pictures]))
         chosen: set[tuple[int, int]] = set()
         for i, overlaps in enumerate(self._overlaps()):
             partners = np.flatnonzero(overlaps >= _LEAST_OVERLAP)
             partners = partners[np.argsort(-overlaps[partners], kind="stable")]
-            aside = turned[i, partners] >= _OTHER_HEADING_RAD
+            aside = turned[i, partners] >= OTHER_HEADING_RAD
             others, same = partners[aside].tolist(), partners[~aside]
             following = same[same > i][np.argsort(same[same > i])][:1].tolist()
             near = np.abs(overlaps[same] - _BEST_OVERLAP)
@@ -144,7 +163,7 @@ class TieFinder:
         return np.asarray(np.minimum(shares, shares.T))
 
 
-def _turns_rad(q_nc: Array) -> Array:
+def turns_rad(q_nc: Array) -> Array:
     """Return the angles (P, P) between attitudes (P, 4)."""
     rotations = matrix_from_quat(q_nc)
     cosines = (np.einsum("iab,jab->ij", rotations, rotations) - 1) / 2
