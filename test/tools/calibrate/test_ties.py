@@ -67,7 +67,7 @@ def test_too_few_ties_make_no_result(brief, params, tmp_path, capsys):
     where = ["--ties", "--params", params, "-o", output]
     code, _, err = run(capsys, "calibrate", "boresight", brief, *where)
     assert code == 1
-    assert "10 pairs are needed: fly strips that overlap by two thirds" in err
+    assert "15 pairs are needed: fly strips that overlap by two thirds" in err
     assert not output.exists()
 
 

@@ -32,7 +32,6 @@ from tirgeo_ros.core.adjustment.adjustment import known_downs, places
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, TieFit
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, corrected_camera
 from tirgeo_ros.core.calibration.boresight_fit import check_numbers, rmse_m
-from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.ties.tracks import TiedPair
 from tirgeo_ros.core.ties.view import View
 from tirgeo_ros.core.types.arrays import Array
@@ -57,7 +56,6 @@ _UNITS = {"latency": "ms", "ground_height": "m", "focal": "px", "k1": "1"}  # al
 _LENS = ("focal", "k1")
 _SCALE_M = 0.3  # sigma of positions from which on they are no scale
 _WORSE = 1.1  # share of the disagreement before from which on a result is refused
-_OPPOSITE = -0.5  # cosine between the headings of two pictures
 
 
 class _Judged(NamedTuple):
@@ -188,9 +186,7 @@ def _judged(ties: FlightTies, fit: TieFit) -> dict[str, _Judged]:
         ways = (before, None), (after, None), (after, downs)
         return _Judged(len(pairs), *(ties.apart_m(views, pairs, at) for views, at in ways))
 
-    known = [pair for pair in ties.judges if {pair.first_ns, pair.second_ns} <= before.keys()]
-    parts = {"all": known, "opposite": [pair for pair in known if _is_opposite(pair, before)]}
-    return {name: judged(part) for name, part in parts.items() if part or name == "all"}
+    return {name: judged(pairs) for name, pairs in ties.judges(before).items()}
 
 
 def _set_up(fit: TieFit) -> tuple[dict[int, View], dict[int, View]]:
@@ -231,12 +227,6 @@ def _check(reader: BagReader, judged: Mapping[str, _Judged]) -> None:
                 "too uncertain, or the height of the ground is wrong; fly with RTK, at two "
                 "heights, or --hold a part"
             )
-
-
-def _is_opposite(pair: TiedPair, views: Mapping[int, View]) -> bool:
-    ups_n = (matrix_from_quat(views[k].pose.q_nc)[:2, 1] for k in (pair.first_ns, pair.second_ns))
-    first, second = (up / max(float(np.linalg.norm(up)), 1e-9) for up in ups_n)
-    return float(first @ second) < _OPPOSITE
 
 
 def _found(ties: FlightTies, fit: TieFit, configs: NodeConfigs) -> dict[str, dict[str, Any]]:

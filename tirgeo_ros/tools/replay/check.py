@@ -35,8 +35,8 @@ from tirgeo_ros.tools.presentation.progress import Report, silent
 from tirgeo_ros.tools.presentation.results import finding_items, tally_line
 from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
-from tirgeo_ros.tools.replay.flight_ties import PictureOverlaps
 from tirgeo_ros.tools.replay.node_configs import configured_layers, open_flight
+from tirgeo_ros.tools.replay.picture_overlaps import PictureOverlaps
 from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
 
 #: Pictures of other headings disagree if the median of so many pairs is so many standard

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,6 @@ from tirgeo_ros.core.adjustment.adjustment import (
     Downs,
     disagreement,
     known_downs,
-    shift_sigmas,
 )
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, TieFit, fit_ties
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedView
@@ -40,21 +38,17 @@ from tirgeo_ros.core.calibration.boresight_model import (
     corrected_pose,
 )
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.config import OverlayConfig
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, is_given
-from tirgeo_ros.core.streams.stamps import exposure_ns
-from tirgeo_ros.core.ties.tie_config import TieConfig
-from tirgeo_ros.core.ties.tie_finder import OTHER_HEADING_RAD, TieFinder, turns_rad
+from tirgeo_ros.core.frames.rotations import matrix_from_quat
+from tirgeo_ros.core.ground.backprojection import Ground
+from tirgeo_ros.core.ties.tie_finder import TieFinder
 from tirgeo_ros.core.ties.tracks import TiedPair, tracks_of
 from tirgeo_ros.core.ties.view import View
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.core.types.errors import BagError, CalibrationError, CameraError, TirgeoError
+from tirgeo_ros.core.types.errors import CalibrationError, TirgeoError
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.tools.presentation.progress import Report, part
-from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_pictures import FlightPictures
 from tirgeo_ros.tools.replay.node_configs import NodeConfigs, OpenedFlight
 from tirgeo_ros.tools.replay.stepped_flight import SteppedFlight
@@ -63,13 +57,10 @@ from tirgeo_ros.tools.replay.stepped_flight import SteppedFlight
 _BOTH = [name for name in SIGHTED if name in PARAMETERS and name != "ground_height"]
 _TIED, _SIGHTED = ([names.index(name) for name in _BOTH] for names in (PARAMETERS, SIGHTED))
 #: Fewest pairs of pictures of which a result is made. Every fifth of them judges it.
-LEAST_PAIRS, _FIFTH = 10, 5
+LEAST_PAIRS, _FIFTH = 15, 5
+_OPPOSITE = -0.5  # cosine between the headings of two pictures
 _CALIBRATED_RAD = math.radians(0.1)  # sigma of a mounting that has been calibrated
 _POSES_SHARE = 0.4  # of the work
-#: Of a check: the pictures to choose from, evenly in time, and the places where four of them are
-#: compared, for 0.2 s each. In a large picture features take several times as long.
-_MOST_PICTURES, _PLACES, _LARGE_PX = 200, 3, 500_000
-_BRIEF = TieConfig(features=800, pairs_per_picture=3)
 
 
 class FlightTies(NamedTuple):
@@ -80,10 +71,15 @@ class FlightTies(NamedTuple):
     pairs: Sequence[TiedPair]
     ground: Ground
 
-    @property
-    def judges(self) -> list[TiedPair]:
-        """Return every fifth pair, which no fit sees."""
-        return [pair for k, pair in enumerate(self.pairs) if k % _FIFTH == _FIFTH - 1]
+    def judges(self, views: Mapping[int, View]) -> dict[str, list[TiedPair]]:
+        """Return every fifth pair, which no fit sees, of the pictures in ``views``.
+
+        Under "all", and those of opposite headings once more, under "opposite", if there are any.
+        """
+        kept = [pair for k, pair in enumerate(self.pairs) if k % _FIFTH == _FIFTH - 1]
+        kept = [pair for pair in kept if {pair.first_ns, pair.second_ns} <= views.keys()]
+        opposite = [pair for pair in kept if _is_opposite(pair, views)]
+        return {"all": kept} | ({"opposite": opposite} if opposite else {})
 
     def fit(self, prior_sigma: Array, clicks: Sequence[PointSighting] = ()) -> TieFit:
         """Return the fit to the other pairs and to clicks; ``prior_sigma`` (P,) of PARAMETERS.
@@ -104,9 +100,8 @@ class FlightTies(NamedTuple):
     def apart_m(
         self, views: Mapping[int, View], pairs: Sequence[TiedPair], downs: Downs | None = None
     ) -> Array:
-        """Return how far the ties (K,) of the pairs whose pictures are in ``views`` are apart."""
-        known = [pair for pair in pairs if {pair.first_ns, pair.second_ns} <= views.keys()]
-        return disagreement(views, known, self.stepped.plane, self.ground, downs)
+        """Return how far the ties (K,) of pairs are apart by the poses of ``views``."""
+        return disagreement(views, pairs, self.stepped.plane, self.ground, downs)
 
 
 def flight_ties(
@@ -141,76 +136,9 @@ def flight_ties(
 
     for number, pixels in pictures.read(range(len(stamps_ns)), wants):
         view = views[stamps_ns[number]].view
-        if not isinstance(pixels, TirgeoError) and _fits(pixels.shape, view.camera):
+        if not isinstance(pixels, TirgeoError) and fits(pixels.shape, view.camera):
             finder.add(view, pixels)
     return FlightTies(stepped, views, finder.pairs(), ground)
-
-
-class PictureOverlaps:
-    """Compare what a few of a flight's pictures show twice, by poses computed for other work.
-
-    Without pictures or a known ground nothing is compared.
-    """
-
-    def __init__(
-        self, reader: BagReader, namespace: str, overlay: OverlayConfig, ground: Ground | None
-    ) -> None:
-        self._ground, self._overlay = ground, overlay
-        self._stamps_ns: dict[int, int] = {}  # by the pictures' numbers, evenly in time
-        with suppress(BagError):
-            self._pictures = FlightPictures(reader, namespace)
-            if is_given(ground):
-                stamps_ns = [*enumerate(self._pictures.stamps_ns)]
-                self._stamps_ns = dict(stamps_ns[:: len(stamps_ns) // _MOST_PICTURES + 1])
-
-    @property
-    def instants_ns(self) -> list[int]:
-        """Return the instants at which poses are needed."""
-        latency_s = self._overlay.video_latency_s
-        return [exposure_ns(stamp_ns, latency_s) for stamp_ns in self._stamps_ns.values()]
-
-    def disagreement(self, flight: Flight, poses: FlightPoses) -> dict[str, dict[str, float]]:
-        """Read a few pictures; return medians over pairs of other headings, and of the same one.
-
-        A picture that cannot be read, or does not fit the lens, is left out.
-        """
-        if poses.plane is None or self._ground is None or not self._stamps_ns:
-            return {}
-        given, sigma_m = (poses.plane, self._ground), self._overlay.confidence.ground_sigma_m
-        rows: dict[str, list[tuple[float, float]]] = {}
-        with suppress(CameraError, BagError):  # other findings name it
-            views, pairs = self._tied(flight.camera, poses, *given)
-            for pair in pairs:
-                both = [views[stamp_ns] for stamp_ns in (pair.first_ns, pair.second_ns)]
-                turn_rad = turns_rad(np.stack([view.pose.q_nc for view in both]))[0, 1]
-                name = "other_headings" if turn_rad >= OTHER_HEADING_RAD else "same_heading"
-                sigmas = shift_sigmas(both, pair, *given, sigma_m)
-                if math.isfinite(sigmas):
-                    apart_m = median(disagreement(views, [pair], *given))
-                    rows.setdefault(name, []).append((apart_m, sigmas))
-        medians = {name: np.median(row, axis=0).tolist() for name, row in rows.items()}
-        return {
-            name: {"pairs": len(rows[name]), "apart_m": apart_m, "sigmas": sigmas}
-            for name, (apart_m, sigmas) in medians.items()
-        }
-
-    def _tied(
-        self, camera: Camera, poses: FlightPoses, plane: TangentPlane, ground: Ground
-    ) -> tuple[dict[int, View], list[TiedPair]]:
-        chooser = TieFinder(plane, ground)
-        for stamp_ns, at_ns in zip(self._stamps_ns.values(), self.instants_ns, strict=True):
-            posed = poses.at(at_ns)
-            if posed is not None:
-                chooser.add(View(stamp_ns, camera, posed[0]), None)
-        large = camera.width * camera.height > _LARGE_PX
-        views = {view.stamp_ns: view for view in chooser.crossing(1 if large else _PLACES)}
-        numbers = [number for number, stamp_ns in self._stamps_ns.items() if stamp_ns in views]
-        finder = TieFinder(plane, ground, _BRIEF)
-        for number, pixels in self._pictures.read(numbers):
-            view = views[self._stamps_ns[number]]
-            if not isinstance(pixels, TirgeoError) and _fits(pixels.shape, camera):
-                finder.add(view, pixels)
-        return views, finder.pairs()
 
 
 def tied_views(stepped: SteppedFlight, stamps_ns: Sequence[int]) -> dict[int, TiedView]:
@@ -239,11 +167,14 @@ def flight_adjustment(
         return None, [f"not adjusted: {error}"]
     before = {stamp_ns: ties.views[stamp_ns].view for stamp_ns in fit.views}
     ways = (before, None), (before, known_downs(fit)), (fit.views, known_downs(fit))
-    level, own, after = (median(ties.apart_m(views, ties.judges, at)) for views, at in ways)
-    before_m = min(level, own)
-    words = f"ties that the fit has not seen are {before_m:.2f} m apart, {after:.2f} m after it"
-    if not after < before_m:  # nan: there are none
-        return None, [f"not adjusted, for it would not help: {words}"]
+    for name, pairs in reversed(ties.judges(before).items()):
+        level, own, after = (median(ties.apart_m(views, pairs, at)) for views, at in ways)
+        before_m = min(level, own)
+        which = "" if name == "all" else f" of {name} headings"
+        words = f"ties{which} that the fit has not seen are {before_m:.2f} m apart, {after:.2f} m "
+        words += "after it"
+        if not after < before_m:  # nan: there are none
+            return None, [f"not adjusted, for it would not help: {words}"]
     flight = ties.stepped.sighted(click_sigma_px=1.0)
 
     def mounted(pose: CameraPose) -> tuple[CameraPose, Array]:
@@ -251,6 +182,12 @@ def flight_adjustment(
         return bare, _tied_slopes(sighted)
 
     return Adjustment(fit, mounted), [f"adjusted by {len(fit.points_n)} points: {words}"]
+
+
+def _is_opposite(pair: TiedPair, views: Mapping[int, View]) -> bool:
+    ups_n = (matrix_from_quat(views[k].pose.q_nc)[:2, 1] for k in (pair.first_ns, pair.second_ns))
+    first, second = (up / max(float(np.linalg.norm(up)), 1e-9) for up in ups_n)
+    return float(first @ second) < _OPPOSITE
 
 
 def median(apart_m: Array) -> float:
@@ -287,5 +224,6 @@ def _tied_slopes(sighted: Array) -> Array:
     return slopes
 
 
-def _fits(shape: Sequence[int], camera: Camera) -> bool:
+def fits(shape: Sequence[int], camera: Camera) -> bool:
+    """Return whether a picture of this shape has the camera's size."""
     return (shape[0], shape[1]) == (camera.height, camera.width)
