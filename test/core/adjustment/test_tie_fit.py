@@ -71,14 +71,21 @@ def test_wrong_ties_do_not_matter():
     assert spoilt.noise.pixel_sigma == pytest.approx(0.5, rel=0.1)
 
 
-@pytest.mark.parametrize(("actual", "reported"), [(0.4, 0.2), (0.2, 0.5)])
-def test_the_attitudes_noise_is_estimated(actual, reported):
+def test_a_short_correlation_time_is_taken_as_5_s_which_makes_no_sigma_too_small():
+    truth = tied_truth((Course(),), NONE, points=600, attitude_deg=0.2, tau_s=2.0)
+    fit = fitted(truth, NONE, again=False)
+    assert fit.noise.taus_s[3] == 5.0
+    assert 1.0 < fit.noise.attitude_factor < 2.0
+
+
+@pytest.mark.parametrize(("actual", "reported", "tau_s"), [(0.4, 0.2, 15.0), (0.2, 0.5, 10.0)])
+def test_the_attitudes_noise_is_estimated(actual, reported, tau_s):
     truth = tied_truth(
-        (Course(),), NONE, points=600, attitude_deg=actual, reported_deg=reported, tau_s=3.0
+        (Course(),), NONE, points=600, attitude_deg=actual, reported_deg=reported, tau_s=tau_s
     )
     fit = fitted(truth, NONE, again=False)
     assert fit.noise.attitude_factor == pytest.approx(actual / reported, rel=0.25)
-    assert fit.noise.taus_s[3] == pytest.approx(3.0, rel=0.6)
+    assert fit.noise.taus_s[3] == pytest.approx(tau_s, rel=0.6)
     errors, covariances = pose_errors(fit, truth)
     before = [error_of(v.view.pose, p) for v, p in zip(truth.views, truth.true_poses, strict=True)]
     after = np.sqrt((errors**2).mean(0))[3:]

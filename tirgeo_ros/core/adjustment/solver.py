@@ -64,7 +64,9 @@ class AdjustmentConfig:
     pixel_sigma: float = 0.7  # of a tie, px, per axis; scaled by the residuals
     relief: float = 0.1  # sigma of the ties' heights about the ground's, in heights above it
     tau_position_s: float = 60.0  # correlation time of the positions' errors
-    tau_attitude_s: float = 5.0  # of the attitudes' errors; estimated
+    #: Of the attitudes' errors, at least; estimated. Errors of several such times sum up, and the
+    #: slow ones count for the set-up: one short time would make it twice too sure.
+    tau_attitude_s: float = 5.0
 
 
 class Solver:
@@ -270,7 +272,7 @@ class Solver:
 
         def noise(logs: Array) -> Noise:
             factor, tau = np.exp(logs).tolist()
-            tau_s = np.repeat(tau * self._config.tau_attitude_s, 3)
+            tau_s = np.repeat(max(tau, 1.0) * self._config.tau_attitude_s, 3)
             return Noise(self.noise.pixel_sigma, factor, np.concatenate([taus_s, tau_s]))
 
         def unlikeliness(logs: Array) -> float:
