@@ -50,7 +50,7 @@ _DIVERGED = 20.0  # of these
 #: Velocity of a cell's ties: its prior sigma, the least one that counts, as a fit to still ground
 #: may seem to move by mm/s, and by how many sigmas: errors alone exceed them once in 3e5 cells.
 _SPEED_MPS, _STILL_MPS, _STILL_SIGMAS = 1.0, 0.01, 5.0
-_MOST_FACTOR = 10.0  # of the attitudes' noise: 8.6 on real stills, 10 to 30 over drifting waves
+_MOST_FACTOR = 15.0  # 64 stills of an H20T without RTK need 9.8, waves up to 30
 #: Noise of the ties over the assumed one: the least that is believed, and the most that is a fit.
 _PIXEL_FACTORS = (0.3, 8.0)
 #: Prior sigmas of the logarithms of the attitudes' noise factor and correlation time.
