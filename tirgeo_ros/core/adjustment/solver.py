@@ -31,6 +31,7 @@ import numpy as np
 from tirgeo_ros.core.adjustment.normal_equations import Noise, Reduced, prior, reduced
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedFlight
 from tirgeo_ros.core.calibration.boresight_model import CLICK_SIGMA_PX, SURVEY_SIGMA_M
+from tirgeo_ros.core.ties.tie_config import RELIEF
 from tirgeo_ros.core.types.arrays import Array, BoolArray
 from tirgeo_ros.core.types.errors import CalibrationError
 from tirgeo_ros.core.types.missing_package import needed
@@ -62,7 +63,7 @@ class AdjustmentConfig:
     """Hold what is assumed of ties, relief and the poses' noise."""
 
     pixel_sigma: float = 0.7  # of a tie, px, per axis; scaled by the residuals
-    relief: float = 0.1  # sigma of the ties' heights about the ground's, in heights above it
+    relief: float = RELIEF  # of the ties' heights about the ground's
     tau_position_s: float = 60.0  # correlation time of the positions' errors
     #: Of the attitudes' errors, at least; estimated. Errors of several such times sum up, and the
     #: slow ones count for the set-up: one short time would make it twice too sure.

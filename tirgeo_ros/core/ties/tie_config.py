@@ -18,6 +18,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+RELIEF = 0.1  # standard deviation of the ground's height, in heights above the ground
+
 
 @dataclass(frozen=True)
 class TieConfig:
@@ -33,7 +35,7 @@ class TieConfig:
     #: every second one of those that follow is left out.
     most_pictures: int = 600
     pairs_per_picture: int = 4  # that a picture asks for: P pictures have P times this at most
-    relief: float = 0.1  # standard deviation of the ground's height, in heights above the ground
+    relief: float = RELIEF
     #: Standard deviation, about each axis, of what the poses' covariances leave out: the angles of
     #: the mounting. With 1 deg, half of the pairs of opposite headings of a real strip are lost.
     mounting_sigma_deg: float = 2.0

@@ -299,7 +299,8 @@ def ties_lines(result: Mapping[str, Any]) -> list[str]:
         lines.append(f"{row['pairs']} pairs{where} left out of the fit disagree by {numbers}")
     fitted = f"{result['ties']} ties in {result['pairs']} pairs of {result['pictures']} pictures"
     lines += [*estimates_table(result["parameters"]), fitted]
-    for row in [result["surveyed"]] if "surveyed" in result else []:
+    if "surveyed" in result:
+        row = result["surveyed"]
         off = row["ground_rmse_m"]
         lines.append(
             f"{row['observations']} observations of {row['points']} surveyed points: on the "

@@ -22,12 +22,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tirgeo_ros.core.adjustment.adjustment import (
-    Adjustment,
-    Downs,
-    disagreement,
-    known_downs,
-)
+from tirgeo_ros.core.adjustment.adjustment import Adjustment, Downs, disagreement, known_downs
 from tirgeo_ros.core.adjustment.tie_fit import PRIOR_SIGMA, TieFit, fit_ties
 from tirgeo_ros.core.adjustment.tied_views import PARAMETERS, TiedView
 from tirgeo_ros.core.calibration.boresight_model import (
@@ -167,7 +162,7 @@ def flight_adjustment(
         return None, [f"not adjusted: {error}"]
     before = {stamp_ns: ties.views[stamp_ns].view for stamp_ns in fit.views}
     ways = (before, None), (before, known_downs(fit)), (fit.views, known_downs(fit))
-    for name, pairs in reversed(ties.judges(before).items()):
+    for name, pairs in reversed(ties.judges(before).items()):  # the note is on all, the last
         level, own, after = (median(ties.apart_m(views, pairs, at)) for views, at in ways)
         before_m = min(level, own)
         which = "" if name == "all" else f" of {name} headings"
