@@ -255,11 +255,12 @@ def frames_without_a_stamp_take_the_time_of_their_arrival(flown, _):
     flown.unstamped = True
     flown.until(lambda: len(pictures) > 40)
     reports = flown.next_diagnostics()
-    assert int(reports["stamped_at_arrival.thermal/image_raw"]) > 40
+    on_the_way = 5  # pictures with a stamp that were sent before
+    assert int(reports["stamped_at_arrival.thermal/image_raw"]) > 40 - on_the_way
     assert reports["out_of_order"] == "0"
     assert all(has_lines(picture) for picture in pictures[-5:])
     stamps = [stamp_ns(picture) for picture in pictures]
-    assert 0 not in stamps[5:]
+    assert 0 not in stamps[on_the_way:]
     flown.unstamped = False
 
 
