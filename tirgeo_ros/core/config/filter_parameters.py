@@ -202,6 +202,12 @@ class ImuConfig(ImuNoiseConfig):
         "an IMU that averages over it. Poses carry the corrected time",
         ("s", -0.5, 0.5),
     )
+    delay_sigma_s: float = param(
+        0.005,
+        "sigma of the part of that delay that is not known; the filter estimates it in turns, and "
+        "corrects poses for it. 0 = delay_s is exact",
+        ("s", 0, 0.05),
+    )
 
 
 @dataclass(frozen=True, slots=True)

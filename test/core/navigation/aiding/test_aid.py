@@ -55,7 +55,7 @@ from tirgeo_ros.core.types.verdicts import Outcome
 RATE_B = np.array([0.2, -0.1, 0.5])
 SHIFT_N = np.array([1.0, 2.0, -3.0])
 #: Half steps: second-order terms of the models are lever (1 m) times step squared.
-STEPS = [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3
+STEPS = [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-4] * 3 + [1e-2] * 3 + [1.0] * 3 + [1e-3]
 
 tilts = st.floats(-0.6, 0.6)
 headings = st.floats(-math.pi, math.pi)

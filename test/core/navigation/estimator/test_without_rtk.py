@@ -29,6 +29,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.nose_heading import AutopilotHeadingAid
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.tools.simulate.flight import fly
@@ -107,7 +108,7 @@ def test_the_autopilots_heading_is_used_where_nothing_else_gives_one():
 
 
 def uncertain(heading_sigma_deg):
-    sigmas = np.full(18, 1e-3)
+    sigmas = np.full(ANTENNA.start, 1e-3)
     sigmas[2] = math.radians(heading_sigma_deg)
     return estimate_of(state_of(0.0, 0.0, math.radians(30.0)), covariance=np.diag(sigmas**2))
 

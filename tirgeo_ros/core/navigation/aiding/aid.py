@@ -29,6 +29,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import STEPPED_S, AidStatus, AidTrack
 from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
+    DELAY,
     GPS_ERROR,
     feedback,
     has_antenna,
@@ -40,6 +41,7 @@ from tirgeo_ros.core.navigation.ins.kalman import (
     Update,
     chi_square_limit,
     cut,
+    update,
 )
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
 from tirgeo_ros.core.types.arrays import Array
@@ -82,9 +84,23 @@ class StateEstimate(NamedTuple):
     def corrected(self, error: Array, changes: tuple[Change, ...]) -> StateEstimate:
         """Return the estimate with the state and the receivers corrected by an error (n,)."""
         antenna_b = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
-        receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), antenna_b)
+        changed = error[GPS_ERROR].tolist(), antenna_b, float(error[DELAY])
+        receivers = self.aids.receivers.changed(*changed)
         aids = self.aids._replace(receivers=receivers)
         return StateEstimate(feedback(self.state, error), changes[-1].covariance, aids, changes)
+
+    def without_delay(self) -> StateEstimate:
+        """Return the estimate under the condition that the IMU's delay is the configured one."""
+        design = np.zeros((1, len(self.covariance)))
+        design[0, DELAY] = 1.0
+        off = np.array((-self.aids.receivers.imu_delay_s,))
+        exact = Measurement(off, design, np.zeros((1, 1)), math.inf)
+        _, error, covariance, _, correction = update(self.covariance, exact)
+        assert error is not None
+        assert covariance is not None
+        covariance = uncorrelated(covariance, slice(DELAY, DELAY + 1))  # zero but for rounding
+        change = Change(covariance, correction=correction)
+        return self.corrected(error, (*self.changes, change))
 
 
 class Fused(NamedTuple):

@@ -141,21 +141,25 @@ class Receivers(NamedTuple):
     stamp_ns: int
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
     antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's position less the configured one, FRD
+    imu_delay_s: float = 0.0  # delay of the IMU's stamps, beyond the configured one
 
     def at(self, stamp_ns: int, gps_time_s: float) -> Receivers:
         """Return the errors at another time: the GPS error decays with ``gps_time_s``."""
         fade = math.exp((self.stamp_ns - stamp_ns) * 1e-9 / gps_time_s)
         north, east, down = self.gps_error_n
         faded = (north * fade, east * fade, down * fade)
-        return Receivers(stamp_ns, faded, self.antenna_b)
+        return Receivers(stamp_ns, faded, self.antenna_b, self.imu_delay_s)
 
     def changed(
-        self, gps_error_n: Sequence[float], antenna_b: Sequence[float] = (0.0, 0.0, 0.0)
+        self,
+        gps_error_n: Sequence[float],
+        antenna_b: Sequence[float] = (0.0, 0.0, 0.0),
+        imu_delay_s: float = 0.0,
     ) -> Receivers:
-        """Return the errors plus the given changes, m."""
+        """Return the errors plus the given changes, m and s."""
         moved: Vector = tuple(map(operator.add, self.gps_error_n, gps_error_n))
         place: Vector = tuple(map(operator.add, self.antenna_b, antenna_b))
-        return Receivers(self.stamp_ns, moved, place)
+        return Receivers(self.stamp_ns, moved, place, self.imu_delay_s + imu_delay_s)
 
 
 class Reset(NamedTuple):

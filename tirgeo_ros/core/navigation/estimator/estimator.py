@@ -165,7 +165,9 @@ class Navigation:
         now_ns, newest = self._clocks.now_ns, self._newest
         variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
         sigma_rad = math.nan if variance_rad2 < 0 else math.sqrt(variance_rad2)
-        return NavigationStatus(
+        nis = self._log.nis(now_ns)
+        delay_s, delay_sigma_s = self._ekf.imu_delay_s() if self._ekf else (math.nan, math.nan)
+        status = NavigationStatus(
             self._config.method,
             state,
             reason,
@@ -178,11 +180,16 @@ class Navigation:
             last_reset,
             dict(self._clipping.counts),
             (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns)),
-            self._log.nis(now_ns),
+            nis,
             self._ekf.process_noise if self._ekf else "",
             densities(self._ekf.vibration) if self._ekf else (),
             self._began_again,
+            self._config.imu.delay_s + delay_s,
+            delay_sigma_s * math.sqrt(max([1.0, *nis.values()])),
         )
+        if not status.shows_delay(self._config.imu.delay_s):
+            return status
+        return replace(status, warnings=(*status.warnings, _late(status)))
 
     def state_and_resets(self) -> tuple[FilterState, int]:
         """Return the state and the number of resets, at a tenth of the cost of ``status``."""
@@ -361,6 +368,14 @@ class Navigation:
     def _count(self, verdict: Verdict) -> None:
         self.revision += 1
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
+
+
+def _late(status: NavigationStatus) -> str:
+    """Say what the flight shows of the IMU's delay."""
+    return (
+        f"imu/data: stamps are {status.imu_delay_s * 1e3:.1f} ms late (sigma "
+        f"{status.imu_delay_sigma_s * 1e3:.1f}): set imu.delay_s to {status.imu_delay_s:.4f}"
+    )
 
 
 def configured_plane(config: EkfConfig) -> TangentPlane | None:

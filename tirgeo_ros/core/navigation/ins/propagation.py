@@ -18,7 +18,7 @@ The covariance follows the state at a lower rate, and at every measurement. With
 ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the matrix
 of the first 15 error states (``error_states``); it is Groves, 2nd ed., section 14.2.4, in metres
 and with the opposite sign of error. The GPS error, like the biases, is a first-order Gauss-Markov
-process; the antenna's position is constant.
+process; the IMU's delay and the antenna's position are constant.
 """
 
 from __future__ import annotations
@@ -224,14 +224,14 @@ class CovariancePropagation:
         self._identity = np.eye(states)
         self._f, self._q, self._a, self.transition, self._half = np.zeros((5, states, states))
         self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
-        imu, gps, antenna = config.imu, config.gps, states - GPS_ERROR.stop
+        imu, gps, constant = config.imu, config.gps, states - GPS_ERROR.stop
         sigmas = np.array(
             [*imu.gyro_bias_instability, *imu.accel_bias_instability, *gps.position_sigma_m]
-            + [0.0] * antenna
+            + [0.0] * constant
         )
         times_s = np.array(
             [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *[gps.position_time_s] * 3]
-            + [math.inf] * antenna
+            + [math.inf] * constant
         )
         self._f[range(9, states), range(9, states)] = -1 / times_s
         self._noise_powers = NoisePowers(imu)
