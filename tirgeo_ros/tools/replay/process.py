@@ -230,6 +230,8 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
         "states_s": dict(outputs.states_s),
         "verdicts": {f"{a} {b}": number for (a, b), number in status.counts.items()},
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+        "imu_delay_s": status.imu_delay_s,
+        "imu_delay_sigma_s": status.imu_delay_sigma_s,
         "north_sigma_deg": None if composer.composition == "encoders" else north_deg,
         "gimbal": composer.counts,
         "overlay": {} if overlay is None else overlay.counts,
