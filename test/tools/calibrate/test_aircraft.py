@@ -121,6 +121,18 @@ def test_with_the_receivers_clock_held_the_imus_delay_is_found(bag, tmp_path):
 
 
 @pytest.mark.slow
+def test_delays_that_are_all_off_by_the_same_are_the_imus(tmp_path):
+    """RTK 10 ms early is an IMU that is 10 ms late; its sigma goes with it to later flights."""
+    samples = aircraft_samples(2, 120.0, delays_s=(-0.01, -0.01, -0.01))
+    bag, out = write_samples(tmp_path / "flight.mcap", samples), tmp_path / "found.yaml"
+    calibrate_aircraft(bag, out)
+    ekf = written(out)[0]["/**/ekf_node"]
+    assert set(ekf) == {"imu.delay_s", "imu.delay_sigma_s"}
+    assert ekf["imu.delay_sigma_s"] < 0.0017
+    assert abs(ekf["imu.delay_s"] - 0.01) < 3 * ekf["imu.delay_sigma_s"]
+
+
+@pytest.mark.slow
 def test_a_hover_is_refused_with_what_to_fly(tmp_path, capsys):
     samples = aircraft_samples(2, 30.0, **{"route.hover_s": 600.0})
     flight = write_samples(tmp_path / "hover.mcap", samples)

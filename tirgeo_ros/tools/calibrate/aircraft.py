@@ -37,6 +37,7 @@ from tirgeo_ros.core.calibration.aircraft_fit import (
 from tirgeo_ros.core.calibration.aircraft_parameters import (
     ANTENNA,
     AZIMUTH,
+    DELAYS,
     PARAMETERS,
     TABLE,
     baseline_b,
@@ -79,6 +80,8 @@ HOLDS = {
 KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
     LEVEL, "aircraft.imu_rpy_deg"
 )
+#: Delays that differ by less than so many sigmas are alike; and the longest delay of an IMU.
+_SIGMAS, _LONGEST_IMU_S = 3.0, 0.015
 _LENGTH_M = 1.0  # length that is written for a baseline whose length is not configured
 _USUAL_RUNS = 18  # runs of the filter that a fit usually needs, for the progress bar
 
@@ -206,9 +209,12 @@ def _result(
     turn = np.zeros(3)
     if not set(LEVEL) <= set(held):
         turn[:2] = _add_level(level, estimates, reasons)
+    delays = _shared_delay(config, fitted) or _delays(
+        config, fitted, set(estimates), rtk_held="rtk" in held
+    )
     parts = {
         "": _places(config, fitted.values, set(estimates), turn),
-        "ekf_node": _delays(config, fitted, set(estimates), rtk_held="rtk" in held),
+        "ekf_node": delays,
     }
     nodes = {node: values for node, values in parts.items() if values}
     nis = {
@@ -263,6 +269,24 @@ def _places(
         angles = flu_from_frd(euler_from_matrix(whole))
         placed["aircraft.imu_rpy_deg"] = _rounded(np.degrees(angles))
     return placed
+
+
+def _shared_delay(config: EkfConfig, fitted: AircraftFit) -> dict[str, Value]:
+    """Return the IMU's delay if all delays of RTK are off by the same; empty if they are not.
+
+    Then the IMU's stamps are off by as much, the other way. More than IMUs have is not theirs.
+    """
+    chosen = [k for k in DELAYS.values() if PARAMETERS[k] in fitted.determined]
+    if len(chosen) < 2:
+        return {}
+    off_s, weights = (fitted.values - fitted.first)[chosen], fitted.sigma[chosen] ** -2
+    mean_s, sigma_s = np.average(off_s, weights=weights), weights.sum() ** -0.5
+    if (np.abs(off_s - mean_s) > _SIGMAS * fitted.sigma[chosen]).any():
+        return {}
+    if not _SIGMAS * sigma_s < abs(mean_s) < _LONGEST_IMU_S:
+        return {}
+    delay_s = config.imu.delay_s - float(mean_s)
+    return {"imu.delay_s": round(delay_s, 4), "imu.delay_sigma_s": round(float(sigma_s), 4)}
 
 
 def _delays(
