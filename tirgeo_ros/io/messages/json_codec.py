@@ -337,8 +337,8 @@ def _navigation(row: dict[str, Any]) -> NavigationStatus:
         process_noise=cut(str(row["process_noise"])),
         vibration=tuple(_number(density) for density in row["vibration"]),
         began_again=Outcome(again) if again else None,
-        imu_delay_s=_number(row["imu_delay_s"]),
-        imu_delay_sigma_s=_number(row["imu_delay_sigma_s"]),
+        imu_delay_s=_number(row.get("imu_delay_s")),  # older recordings lack it
+        imu_delay_sigma_s=_number(row.get("imu_delay_sigma_s")),
     )
 
 
