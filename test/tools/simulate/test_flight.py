@@ -48,6 +48,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.tools.simulate.files import parameters_text
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.trajectory import Trajectory
@@ -70,6 +71,12 @@ def rows_at(flight, samples):
     """Return rows of the truth at the stamps of samples, which are stamps of the IMU."""
     row = {stamp: k for k, stamp in enumerate(flight.truth.stamp_ns)}
     return [row[sample.stamp_ns] for _, sample in samples]
+
+
+def readings_of(flight):
+    """Return rates and forces (2, N, 3) of the IMU."""
+    imu = [sample for _, sample in samples_of(flight, ImuSample)]
+    return np.array([[s.angular_rate_b for s in imu], [s.specific_force_b for s in imu]])
 
 
 def rms(errors):
@@ -145,6 +152,25 @@ def test_the_imu_has_table_5s_noise_about_its_bias(flight):
     np.testing.assert_allclose(
         rms(force - truth.accel_bias_b), 10 * np.array(noise.velocity_random_walk), rtol=4 * 0.007
     )
+
+
+def test_planted_biases_and_late_stamps_are_in_the_readings_and_not_in_params_yaml(flight):
+    planted = {
+        "imu.gyro_bias_rad_s": [0.01, -0.02, 0.03],
+        "imu.accel_bias_m_s2": [0.1, 0.2, -0.3],
+        "imu.stamp_delay_s": 0.05,
+    }
+    scenario = scenario_from(planted)
+    assert parameters_text(scenario) == parameters_text(flight.scenario)
+    late = fly(scenario)
+    np.testing.assert_array_equal(late.truth.q_nb, flight.truth.q_nb)
+    bias = [[0.01, 0.02, -0.03], [0.1, -0.2, 0.3]]  # forward, right, down
+    more = readings_of(late) - readings_of(flight)
+    true = np.stack([flight.truth.angular_rate_b, flight.truth.specific_force_b])
+    more[:, 5:] -= true[:, :-5] - true[:, 5:]
+    # 5 samples of 10 ms; the biases and the noise are the same by stamp.
+    np.testing.assert_allclose(more[0, 5:] - bias[0], 0, atol=1e-9)
+    np.testing.assert_allclose(more[1, 5:] - bias[1], 0, atol=1e-9)
 
 
 def test_the_camera_wanders_by_table_8_and_the_encoders_see_it(flight):

@@ -82,6 +82,10 @@ class ImuScenario:
     rate_hz: float = param(100.0, "samples per second", ("Hz", 50, 400))
     gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma of the bias", ("rad/s", 0, 1))
     accel_turn_on_bias_m_s2: float = param(1e-2, "sigma of the bias", ("m/s2", 0, 10))
+    #: Planted errors, not in params.yaml: a part of the biases, and stamps late by a time.
+    gyro_bias_rad_s: tuple[float, ...] = param((0.0,) * 3, "forward, left, up", ("rad/s", -1, 1))
+    accel_bias_m_s2: tuple[float, ...] = param((0.0,) * 3, "forward, left, up", ("m/s2", -10, 10))
+    stamp_delay_s: float = param(0.0, "stamp minus time of the reading", ("s", -0.2, 0.2))
     noise_scale: float = param(1.0, "factor on all random errors; 0 = perfect IMU", ("", 0, 100))
     noise: ImuNoiseConfig = group(ImuNoiseConfig)
 

@@ -35,6 +35,7 @@ from tirgeo_ros.core.frames.rotations import (
     Q_BODY_OPTICAL,
     azimuths,
     euler_from_matrix,
+    flu_from_frd,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
@@ -111,7 +112,7 @@ def imu_samples(
 ) -> list[Arrival]:
     """Return ``imu/data``: force and rate with noise and bias, and the autopilot's attitude."""
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
-    motion = trajectory.motion(epochs.t_s)
+    motion = trajectory.motion(epochs.t_s - scenario.imu.stamp_delay_s)
     force, rate = trajectory.inertial(motion)
     white = imu_white(scenario.imu, seed, len(epochs.stamp_ns))
     rate, force = rate + bias.gyro_b + white[0], force + bias.accel_b + white[1]
@@ -241,7 +242,10 @@ class ImuBias:
 
 
 def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
-    """Return a constant turn-on bias plus a Gauss-Markov part by Table 5 (sigma and time)."""
+    """Return a constant bias plus a Gauss-Markov part by Table 5 (sigma and time).
+
+    The constant is the sum of the planted bias and a random one.
+    """
     noise, step_s = scenario.noise, 1 / scenario.rate_hz
     rng = generator(seed, "imu bias")
     turn_on = rng.standard_normal((2, 3))
@@ -249,7 +253,9 @@ def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
     accel = gauss_markov(rng, count, step_s, noise.accel_bias_time_s, noise.accel_bias_instability)
     gyro += scenario.gyro_turn_on_bias_rad_s * turn_on[0]
     accel += scenario.accel_turn_on_bias_m_s2 * turn_on[1]
-    return ImuBias(scenario.noise_scale * gyro, scenario.noise_scale * accel)
+    planted = flu_from_frd(np.array([scenario.gyro_bias_rad_s, scenario.accel_bias_m_s2]))
+    scale = scenario.noise_scale
+    return ImuBias(scale * gyro + planted[0], scale * accel + planted[1])
 
 
 def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Array]:
