@@ -92,7 +92,7 @@ class ImuScenario:
     #: Planted errors, not in params.yaml: a part of the biases, and stamps late by a time.
     gyro_bias_rad_s: tuple[float, ...] = param((0.0,) * 3, "forward, left, up", ("rad/s", -1, 1))
     accel_bias_m_s2: tuple[float, ...] = param((0.0,) * 3, "forward, left, up", ("m/s2", -10, 10))
-    #: Vibration while the engine runs: lines of the rotors, and as much white noise.
+    #: Vibration while the engine runs: lines of the rotors and white noise.
     gyro_vibration_rad_s: float = param(0.0, "rms, per axis", ("rad/s", 0, 10))
     accel_vibration_m_s2: float = param(0.0, "rms, per axis", ("m/s2", 0, 100))
     stamp_delay_s: float = param(0.0, "stamp minus time of the reading", ("s", -0.2, 0.2))

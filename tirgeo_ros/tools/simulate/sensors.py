@@ -69,7 +69,10 @@ _WASH_M, _WASH_TIME_S = 0.5, 20.0
 #: Correlation time of the camera's roll and pitch errors.
 ERROR_TIME_S = 2.5
 #: Speeds of the rotors, and how far they wander, as a share (rms).
-_ROTORS_HZ, _ROTOR_WANDER = np.array([78.0, 81.0, 83.0, 86.0]), 0.01
+_ROTORS_HZ, _ROTOR_WANDER = np.array([51.0, 54.0, 57.0, 59.0]), 0.01
+#: White share of the power of a vibration: gyroscopes, accelerometers. Of a P4 RTK they are the
+#: squares of 0.3 and 0.7, as the filter's parameters have them.
+_WHITE_SHARES = np.array([0.1, 0.5]).reshape(2, 1, 1)
 _KNOT_S = 0.05  # of the spline of the camera's heading
 _TILTING_S = 1.0  # duration of a change of the commanded pitch
 
@@ -275,10 +278,10 @@ def vibration(scenario: Scenario, seed: int, t_s: Array) -> Array:
     wander = gauss_markov(rng, count, 1 / imu.rate_hz, [2.0] * rotors, [_ROTOR_WANDER] * rotors)
     turns = np.cumsum(_ROTORS_HZ * (1 + wander), axis=0) / imu.rate_hz
     phases = 2 * np.pi * (turns[:, :, None, None] + rng.random((rotors, 2, 3)))
-    lines = np.einsum("nrcx->cnx", np.sin(phases)) / math.sqrt(rotors)  # rms of sqrt(1 / 2)
-    white = math.sqrt(0.5) * rng.standard_normal((2, count, 3))
+    lines = math.sqrt(2 / rotors) * np.einsum("nrcx->cnx", np.sin(phases))
+    white = np.sqrt(_WHITE_SHARES) * rng.standard_normal((2, count, 3))
     running = t_s >= way.standing_s - way.engine_before_s
-    return np.asarray(rms * running[:, None] * (lines + white))
+    return np.asarray(rms * running[:, None] * (np.sqrt(1 - _WHITE_SHARES) * lines + white))
 
 
 def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Array]:

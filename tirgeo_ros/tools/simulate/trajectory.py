@@ -33,13 +33,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_euler, quat_from_matrix
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.frames.wgs84 import EARTH_RATE_RAD_S, gravity_down, rotation_ecef_from_ned
 from tirgeo_ros.core.types.arrays import Array
-from tirgeo_ros.tools.simulate.processes import (
-    DEGREE,
-    Spline,
-    gauss_markov,
-    generator,
-    smooth_noise,
-)
+from tirgeo_ros.tools.simulate.processes import Spline, gauss_markov, generator, smooth_noise
 from tirgeo_ros.tools.simulate.scenario import RouteScenario, Scenario
 
 Route = tuple[Array, Array]  # (N, 2) north and east in m; (N,) heading in rad, unwrapped
@@ -52,8 +46,7 @@ _HOLD_TIME_S, _GUST_TIME_S = 4.0, 2.0  # correlation times
 _HAND_TIME_S = 0.4
 _STANDING_M = 0.5  # height of the IMU on the ground
 _GROUND_TILT_RAD = math.radians(1.0)  # sigma, per axis
-#: A spline moves by half its degree before its control points do.
-_SETTLING_KNOTS = (DEGREE + 1) / 2
+_SETTLES_S = 4 * _KNOT_S  # a spline of degree 7 moves as long before its control points do
 _WIND_RISES_S = 2.0  # from the ground to the full wind
 # Only for the tilt of the aircraft; the IMU measures the ellipsoid's gravity.
 _GRAVITY_P = np.array([0.0, 0.0, 9.8])
@@ -153,17 +146,6 @@ class Motion:
         )
 
 
-def _climb(scenario: RouteScenario, times_s: Array, start_s: float) -> tuple[Array, float]:
-    """Return the path down (N,), m, of a climb from ``start_s`` on, and the time at its end."""
-    top_m = scenario.height_above_ground_m
-    if not scenario.standing_s:
-        return np.full(len(times_s), -top_m), 0.0
-    steps = math.ceil((top_m - _STANDING_M) / _STEP_M)
-    heights = np.linspace(_STANDING_M, top_m, steps + 1)
-    clock = start_s + _passing_times(np.diff(heights), np.zeros(steps), scenario)
-    return -np.interp(times_s, clock, heights), float(clock[-1])
-
-
 def _aloft(times_s: Array, start_s: float) -> Array:
     """Return the shares (N, 1) of the wind and of the errors off the route that have begun."""
     return np.clip((times_s - start_s) / _WIND_RISES_S, 0.0, 1.0)[:, None]
@@ -195,21 +177,23 @@ class Trajectory:
         self._mean_wind_p = np.array([*scenario.wind.mean_m_s, 0.0])
         way = scenario.route
         times_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
-        start_s = way.standing_s + _SETTLING_KNOTS * _KNOT_S if way.standing_s else -math.inf
-        down, self.begin_s = _climb(way, times_s, start_s)  # of the route
+        start_s = way.standing_s + _SETTLES_S if way.standing_s else -math.inf
+        top_m = way.height_above_ground_m
+        self.begin_s = max(0.0, start_s + top_m / way.speed_m_s)  # of the route
+        height = np.interp(times_s, [start_s, self.begin_s], [_STANDING_M, top_m])
         level, heading = route(way, np.maximum(times_s - self.begin_s, 0.0))
         hold_m = np.full(3, way.hold_error_m)
         rng = generator(seed, "hold")
         slips = gauss_markov(rng, len(times_s), _KNOT_S, np.full(3, _HOLD_TIME_S), hold_m)
         slips *= _aloft(times_s, start_s)
-        self._position = Spline(np.column_stack([level, down]) + slips, _KNOT_S)
+        self._position = Spline(np.column_stack([level, -height]) + slips, _KNOT_S)
         self._heading = Spline(heading[:, None], _KNOT_S)
         self._standing = _standing(way, seed, start_s)
         gust = scenario.wind.gust_m_s * np.array([1.0, 1.0, 0.3])  # weaker vertically
         blows = smooth_noise(generator(seed, "gusts"), scenario.duration_s, _GUST_TIME_S, gust)
         calm = 1 - _aloft(blows.spacing_s * np.arange(len(blows.points), dtype=float), start_s)
-        without = blows.points - calm * (blows.points + self._mean_wind_p)
-        self._gust = Spline(without, blows.spacing_s)
+        blows.points -= calm * (blows.points + self._mean_wind_p)
+        self._gust = Spline(blows.points, blows.spacing_s)
 
     def motion(self, t_s: npt.ArrayLike) -> Motion:
         """Return the motion at times (N,) in seconds from the start."""
@@ -222,10 +206,8 @@ class Trajectory:
         thrust_rate = jerk + self._drag_1_s * (acceleration - self._gust(times, 1))
         thrust[:, :2] += standing[0][:, 4:]
         thrust_rate[:, :2] += standing[1][:, 4:]
-        position, velocity, acceleration = (
-            flown + moved[:, :3]
-            for flown, moved in zip((position, velocity, acceleration), standing, strict=True)
-        )
+        position, velocity = position + standing[0][:, :3], velocity + standing[1][:, :3]
+        acceleration = acceleration + standing[2][:, :3]
         tilt, tilt_rate = _tilt(thrust, thrust_rate, yaw, yaw_rate)
         rotation = matrix_from_euler(tilt[:, 0], tilt[:, 1], yaw)
         rate = _body_rate(tilt, tilt_rate, yaw_rate)
