@@ -143,6 +143,7 @@ def _biases(path: PathLike, config: EkfConfig, namespace: str, values: Array) ->
 def _add_biases(result: Result, config: EkfConfig, flights: Sequence[Biases]) -> None:
     """Add what to expect of the IMU's biases by several flights."""
     means, sigmas = expected_biases(flights)
+    result.notes.append(f"the IMU's biases are the mean of {len(flights)} flights")
     before = flu_from_frd(config.imu.bias_b.reshape(2, 3))
     written = result.nodes.setdefault("ekf_node", {})
     for k, (name, unit) in enumerate((("gyro", "deg/s"), ("accel", "m/s2"))):
