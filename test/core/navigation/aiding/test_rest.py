@@ -162,22 +162,15 @@ def test_the_alignment_begins_with_what_a_rest_has_told():
     assert np.abs(ratios).max() < 4
 
 
+ENGINE = {"engine_before_s": 20.0, "gyro_vibration_rad_s": 0.05, "accel_vibration_m_s2": 3.0}
+HAND = {"standing_on": "hand"}
+STEADY = HAND | {"hand_turn_deg": 0.1, "hand_shift_m": 0.001}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["engine", "hand", "steady hand"])
+@pytest.mark.parametrize("kind", [ENGINE, HAND, STEADY], ids=["engine", "hand", "steady"])
 def test_an_engine_or_a_hand_makes_no_wrong_bias(kind):
-    values = {
-        "engine": {
-            "route__engine_before_s": 20.0,
-            "imu__gyro_vibration_rad_s": 0.05,
-            "imu__accel_vibration_m_s2": 3.0,
-        },
-        "hand": {"route__standing_on": "hand"},
-        "steady hand": {
-            "route__standing_on": "hand",
-            "route__hand_turn_deg": 0.1,
-            "route__hand_shift_m": 0.001,
-        },
-    }[kind]
+    values = {f"{'imu' if 'vib' in name else 'route'}__{name}": x for name, x in kind.items()}
     for seed in range(1, 21):
         flown = standing(seed, duration_s=20.0, **values)
         navigation, ratios = run(flown)

@@ -103,11 +103,12 @@ class RestTest:
             self._moved, self._heading_rad = False, self._heading_rad[-1:]
             return None
         self._means.append(means)
-        number = len(self._means)
+        number, variance_b = len(self._means), self._powers[0] / _WINDOW_S
         if number < _LEAST:
             return None
-        self._newest = self._rest(sample.stamp_ns, number)
-        return self._newest if number == _LEAST else self._rest(sample.stamp_ns, 1)
+        all_b = np.mean(self._means, axis=0)[0]
+        self._newest = Rest(sample.stamp_ns, all_b, variance_b / number)
+        return self._newest if number == _LEAST else Rest(sample.stamp_ns, means[0], variance_b)
 
     def known(self, now_ns: int) -> Rest | None:
         """Return the newest rest, up to half a minute of it, with a variance for its age."""
@@ -115,10 +116,6 @@ class RestTest:
             return None
         aged = (_WARMING_RAD_S2 * (now_ns - self._newest.stamp_ns) * 1e-9) ** 2
         return replace(self._newest, stamp_ns=now_ns, variance_b=self._newest.variance_b + aged)
-
-    def _rest(self, stamp_ns: int, number: int) -> Rest:
-        rate_b = np.mean(list(self._means)[-number:], axis=0)[0]
-        return Rest(stamp_ns, rate_b, self._powers[0] / (number * _WINDOW_S))
 
     def _still(self, window: Sequence[ImuSample]) -> Array | None:
         """Return the mean rate and force (2, 3) of a window; None if more than noise is in it."""
