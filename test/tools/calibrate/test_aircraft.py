@@ -25,12 +25,15 @@ from aircraft_flights import (
     ANTENNA_M,
     AZIMUTH_DEG,
     DELAYS_S,
+    TURNS,
     aircraft_samples,
     truth,
 )
 from process_bags import write_samples
 
+from tirgeo_ros.core.calibration.aircraft_fit import expected_biases
 from tirgeo_ros.core.calibration.aircraft_parameters import PARAMETERS
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.types.errors import BagError, CalibrationError
 from tirgeo_ros.core.types.measurements import HeadingSample, ImuSample
 from tirgeo_ros.tools.calibrate.aircraft import calibrate_aircraft
@@ -178,3 +181,45 @@ def test_a_flight_of_three_minutes(tmp_path):
     for name, off in errors(result).items():
         row = result["parameters"][name]
         assert abs(off) <= min(ASKED[row["unit"]], 3 * row["sigma"]), (name, off, row)
+
+
+def test_several_flights_tell_what_biases_to_expect(tmp_path):
+    gyro, accel = np.array([0.0145, -0.008, 0.006]), np.array([0.0, 0.01, 0.05])
+    offs = np.random.default_rng(8).standard_normal((3, 3)) * 1e-3  # rad/s, from flight to flight
+    flights = []
+    for k, off in enumerate(offs):
+        planted = {"imu.gyro_bias_rad_s": gyro + off, "imu.accel_bias_m_s2": accel}
+        planted = {name: bias.tolist() for name, bias in planted.items()}
+        samples = aircraft_samples(1 + k, 25.0, 0.0, (0.0,) * 3, **planted, **TURNS)
+        flights.append(write_samples(tmp_path / f"flight_{k}.mcap", samples))
+    first, *more = map(str, flights)
+    out = tmp_path / "out.yaml"
+    held = "antenna,baseline,position_delay,velocity_delay,heading_delay,level"
+    params = tmp_path / "params.yaml"
+    params.write_text(f"/**: {{ros__parameters: {{aircraft.rtk_antenna_m: {list(ANTENNA_M)}}}}}")
+    words = ["calibrate", "aircraft", first, *more, "-o", str(out), "--params", str(params)]
+    assert command([*words, "--hold", held]) == 0
+    ekf = written(out)[0]["/**/ekf_node"]
+    names = ("bias", "turn_on_bias")
+    assert set(ekf) == {f"imu.{kind}_{name}" for kind in ("gyro", "accel") for name in names}
+    # A flight of 25 s tells its bias to 3e-4 rad/s, and its accelerometers' to some 0.01 m/s2.
+    np.testing.assert_allclose(ekf["imu.gyro_bias"], gyro + offs.mean(axis=0), atol=1e-3)
+    assert abs(ekf["imu.accel_bias"][2] - 0.05) < 4 * 0.01
+    # Student's factor and the mean's error make 1.4 of the spread, itself good to 1 in sqrt(12).
+    assert 0.7e-3 < ekf["imu.gyro_turn_on_bias"] < 3e-3
+
+
+@pytest.mark.parametrize("number", [2, 3, 6])
+def test_the_next_flights_bias_is_within_the_sigma_that_several_tell(number):
+    rng = np.random.default_rng(4)
+    spread, own = np.array([1e-3, 0.02]), np.diag(np.repeat([1e-5, 1e-4], 3) ** 2)
+    ratios = []
+    for _ in range(5_000):
+        drawn = np.array([0.01, 0.3])[:, None] + spread[:, None] * rng.standard_normal(
+            (number + 1, 2, 3)
+        )
+        flights = [Biases(tuple(gyro), tuple(accel), own) for gyro, accel in drawn[:-1]]
+        mean, sigma = expected_biases(flights)
+        ratios.append((drawn[-1] - mean) / sigma[:, None])
+    # Student's distribution of 3 degrees has no fourth moment: its rms converges slowly.
+    np.testing.assert_allclose(np.sqrt(np.mean(np.square(ratios), axis=(0, 2))), 1.0, rtol=0.1)

@@ -23,8 +23,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
+from tirgeo_ros.core.frames.rotations import flu_from_frd
+from tirgeo_ros.core.types.arrays import Array
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 _DELAY, _PATIENCE = ("s", -2, 2), ("s", 0.1, 3600)
@@ -183,8 +187,14 @@ class ImuNoiseConfig:
 
 @dataclass(frozen=True, slots=True)
 class ImuConfig(ImuNoiseConfig):
-    """The IMU: its noise on each axis, what vibration adds to it, and its delay."""
+    """The IMU: its biases, its noise on each axis, what vibration adds to it, and its delay."""
 
+    gyro_bias: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "expected bias at start, forward, left, up", ("rad/s", -1, 1)
+    )
+    accel_bias: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "expected bias at start, forward, left, up", ("m/s2", -10, 10)
+    )
     gyro_vibration_share: float = param(
         0.3,
         "share of the vibration measured in flight that counts as white noise of the gyroscope; "
@@ -208,6 +218,18 @@ class ImuConfig(ImuNoiseConfig):
         "corrects poses for it. 0 = delay_s is exact",
         ("s", 0, 0.05),
     )
+
+    @property
+    def bias_b(self) -> Array:
+        """Return the expected biases (6,), FRD: gyroscope rad/s, accelerometer m/s2."""
+        return flu_from_frd(np.array([self.gyro_bias, self.accel_bias])).ravel()
+
+    @property
+    def bias_variances(self) -> Array:
+        """Return the variances (6,) of the biases at start: turn-on, and variation in the run."""
+        turn_on = np.repeat([self.gyro_turn_on_bias, self.accel_turn_on_bias], 3)
+        in_run = (*self.gyro_bias_instability, *self.accel_bias_instability)
+        return np.asarray(np.square(turn_on) + np.square(in_run))
 
 
 @dataclass(frozen=True, slots=True)

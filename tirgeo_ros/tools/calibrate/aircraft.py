@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -31,6 +31,8 @@ from tirgeo_ros.core.calibration.aircraft_fit import (
     PARTS,
     AircraftFit,
     MountingLevel,
+    expected_biases,
+    final_biases,
     fit,
     mounting_level,
 )
@@ -46,6 +48,7 @@ from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longe
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, flu_from_frd, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
@@ -91,29 +94,35 @@ def calibrate_aircraft(
     output: PathLike | None = None,
     *,
     params: Files = None,
+    more: Sequence[PathLike] = (),
     hold: Collection[str] = (),
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
     """Estimate the aircraft's parameters from a flight and write them; return a summary.
 
+    With ``more`` flights of the aircraft, all flights' biases are what the next one begins with.
     ``hold`` lists keys of HOLDS; their parameters keep their values. Raise CalibrationError if no
     parameter is determined, BagError, ConfigError.
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
-    check_outputs((bag, *paths_of(params), *configs.files), (output,), CalibrationError)
+    check_outputs((bag, *more, *paths_of(params), *configs.files), (output,), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
     reader = BagReader(bag)
     recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(recorded, config)
     try:
         fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-        _check_determined(fitted)
+        if not more:
+            _check_determined(fitted)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
     level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
     result = _result(config, fitted, level, held, notes)
+    if more:
+        others = [_biases(path, config, namespace, fitted.values) for path in more]
+        _add_biases(result, config, [fitted.after.biases, *others])
     numbers = {
         "seconds": seconds,
         "imu_samples": len(recorded.imu),
@@ -123,6 +132,30 @@ def calibrate_aircraft(
     lines = aircraft_lines(result.numbers)
     files = [(output, lambda: result.yaml("aircraft", bag, lines))]
     return {"input": os.fspath(bag)} | written(files, result.numbers | numbers, reader)
+
+
+def _biases(path: PathLike, config: EkfConfig, namespace: str, values: Array) -> Biases:
+    """Return the biases at the end of another flight. Raise BagError, CalibrationError."""
+    recorded, _, _ = _read(BagReader(path), namespace, config.max_imu_gap_s)
+    try:
+        return final_biases(FlightRuns(recorded, config), values)
+    except CalibrationError as error:
+        raise CalibrationError(f"{os.fspath(path)}: {error}") from None
+
+
+def _add_biases(result: Result, config: EkfConfig, flights: Sequence[Biases]) -> None:
+    """Add what to expect of the IMU's biases by several flights."""
+    means, sigmas = expected_biases(flights)
+    result.notes.append(f"the IMU's biases are the mean of {len(flights)} flights")
+    before = flu_from_frd(config.imu.bias_b.reshape(2, 3))
+    written = result.nodes.setdefault("ekf_node", {})
+    for k, (name, unit) in enumerate((("gyro", "deg/s"), ("accel", "m/s2"))):
+        mean, sigma = flu_from_frd(means[k]), float(sigmas[k])
+        for axis, old, new in zip(("forward", "left", "up"), before[k], mean, strict=True):
+            row = estimate(f"imu.{name}_bias", unit, old, new, sigma)
+            result.numbers["parameters"][f"{name}_bias_{axis}"] = row
+        written[f"imu.{name}_bias"] = [round(value, 6) + 0.0 for value in mean.tolist()]
+        written[f"imu.{name}_turn_on_bias"] = round(sigma, 6)
 
 
 class _Samples:

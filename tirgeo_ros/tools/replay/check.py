@@ -38,7 +38,7 @@ from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
 from tirgeo_ros.tools.replay.node_configs import configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_overlaps import PictureOverlaps
-from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample, biases_of
 
 #: Pictures of other headings disagree if the median of so many pairs is so many standard
 #: deviations. Flights without an error reached 2.4.
@@ -132,6 +132,7 @@ def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dic
         "topics": topics,
         "method": status.method,
         "state": status.state.value,
+        "imu": biases_of(registration.navigation),
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
         "imu_delay_s": status.imu_delay_s,
         "imu_delay_sigma_s": status.imu_delay_sigma_s,

@@ -52,6 +52,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     PositionSample,
     PressureSample,
+    Rest,
     SetHeading,
     Source,
     VelocitySample,
@@ -66,8 +67,8 @@ LONGEST_PATIENCE_S = 60.0
 _LOST_SIGMAS = 3.5
 
 Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample | SetHeading
-#: ``Aiding``, and the heading that the filter takes from the IMU's messages.
-AidSample = Aiding | AutopilotHeading
+#: ``Aiding``, and what the filter takes from the IMU's messages.
+AidSample = Aiding | AutopilotHeading | Rest
 
 
 class StateEstimate(NamedTuple):

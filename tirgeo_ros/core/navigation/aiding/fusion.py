@@ -36,6 +36,7 @@ from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus
 from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
 from tirgeo_ros.core.navigation.aiding.nose_heading import AutopilotHeadingAid, SetHeadingAid
+from tirgeo_ros.core.navigation.aiding.rest import RestAid
 from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid, RtkVelocityAid
 from tirgeo_ros.core.navigation.ins.error_states import DELAY
@@ -58,10 +59,12 @@ AIDS: Mapping[Source, type[Aid]] = {
         BarometerAid,
         AutopilotHeadingAid,
         SetHeadingAid,
+        RestAid,
     )
 }
 
-_IMU, _EKF = Source.IMU, tuple(s for s in Source if s is not Source.AUTOPILOT_HEADING)
+_IMU = Source.IMU
+_EKF = tuple(s for s in Source if s not in {Source.AUTOPILOT_HEADING, Source.REST})
 #: The sources that arrive as samples of their own, by method.
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "raw": (_IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),

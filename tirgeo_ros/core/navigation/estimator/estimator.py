@@ -30,6 +30,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.fusion import AIDS, METHOD_SOURCES, Delays
+from tirgeo_ros.core.navigation.aiding.rest import RestTest
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.estimator.start_up import StartUp
@@ -110,6 +111,7 @@ class Navigation:
         self._ekf = None
         self._why_again, self._began_again = why, cause if self._filtering else None
         self._start_up = StartUp(self._config, prior)
+        self._rest = RestTest(self._config.imu)
         self._passthrough = UnfilteredSolution(self._config, self._position_source)
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
@@ -191,6 +193,11 @@ class Navigation:
             return status
         return replace(status, warnings=(*status.warnings, _late(status)))
 
+    @property
+    def biases(self) -> Biases | None:
+        """Return the IMU's biases as the filter has them now; None before it runs."""
+        return self._ekf.biases() if self._ekf else None
+
     def state_and_resets(self) -> tuple[FilterState, int]:
         """Return the state and the number of resets, at a tenth of the cost of ``status``."""
         state, _ = self._state()
@@ -242,8 +249,7 @@ class Navigation:
             return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
         begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
         if begins:
-            prior = self._ekf.biases() if self._ekf else None
-            self._begin(checked.reason, checked.outcome, prior)
+            self._begin(checked.reason, checked.outcome, self.biases)
         self._clocks.take_imu(sample.stamp_ns)
         for accepted in checked.use:
             outcome, reason = self._take_imu(accepted)
@@ -256,10 +262,13 @@ class Navigation:
 
     def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
         """Take a checked sample that continues the time line."""
+        rest = self._rest.add(sample) if self._filtering else None
         if self._ekf is not None:
             clipped = self._clipping.newest_ns and self._clipping.active(sample.stamp_ns)
             for verdict in self._ekf.add_imu(sample, clipped=bool(clipped)):
                 self._count(verdict)
+            if rest is not None:
+                self._count(self._ekf.add_aiding(rest))
             if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
                 self._watch(self._ekf, sample)
             return Outcome.USED, ""
@@ -307,6 +316,7 @@ class Navigation:
         same = self._repeats.compared(sample)
         if same is Same.MEASUREMENT:
             return Verdict(source, Outcome.REPEATED, "the same value as the previous sample")
+        self._rest.watch(sample)
         if not self._filtering:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
@@ -331,6 +341,8 @@ class Navigation:
         if self._ekf is not None and self._start_up.first_state is not None:
             self._why_again, self._began_again = "", None
             self.plane = self.plane or _plane_at(self._start_up.first_state)
+            rest = self._rest.known(self._ekf.newest_ns)
+            verdicts += [self._ekf.add_aiding(rest)] if rest else []
         for verdict in verdicts:
             self._count(verdict)
 

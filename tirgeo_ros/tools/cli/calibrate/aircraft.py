@@ -17,7 +17,8 @@ r"""Find antennas, delays and the IMU's level from an ordinary flight.
 Finds from a flight with turns, without any point on the ground, where the RTK antenna is, where
 the two antennas point, how late positions, velocities and headings are against the IMU, and how
 the IMU is tilted against the autopilot's level. If the flight does not determine a parameter, the
-result names it, and what to fly for it. Give the file to --params and to the nodes after the
+result names it, and what to fly for it. Several flights also tell the biases of the IMU that the
+next flight begins with. Give the file to --params and to the nodes after the
 aircraft's own file.
 
 example:
@@ -39,8 +40,13 @@ _HOLD_HELP = (
     "be found: by default the IMU's delay is kept; rtk keeps the delay of positions and finds the "
     "IMU's delay"
 )
+_MORE_HELP = (
+    "other flights of the aircraft: their IMU's biases and the first flight's make the mean and "
+    "the sigma that the next flight begins with; the other values come from the first flight"
+)
 OPTIONS = (
     *BAG,
+    ("more", "BAG", _MORE_HELP, {"nargs": "*"}),
     ("-o --output", "YAML", "parameter file to write (default: show only)"),
     *PARAMS,
     *NAMESPACE,
