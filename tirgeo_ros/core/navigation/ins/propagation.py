@@ -233,10 +233,16 @@ class CovariancePropagation:
             [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *[gps.position_time_s] * 3]
             + [math.inf] * antenna
         )
-        self._f[range(9, states), range(9, states)] = -1 / times_s
+        # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau). A
+        # bias is driven so too, but its constant part, from turn-on, must not decay: the decay is
+        # what keeps the variance of both parts.
+        driving = sigmas**2 * 2 / times_s
+        sizes = imu.gyro_turn_on_bias, imu.accel_turn_on_bias, 0.0
+        turn_on = np.repeat(sizes, (3, 3, 3 + antenna))
+        kept = np.maximum(sigmas**2 + turn_on**2, np.finfo(float).tiny)  # 0 / 0 means no decay
+        self._f[range(9, states), range(9, states)] = -driving / (2 * kept)
+        self._driving = np.diag(np.concatenate([np.zeros(9), driving]))
         self._noise_powers = NoisePowers(imu)
-        # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau).
-        self._driving = np.diag(np.concatenate([np.zeros(9), sigmas**2 * 2 / times_s]))
 
     def step(
         self,
