@@ -202,7 +202,7 @@ class ImuConfig(ImuNoiseConfig):
         ("", 0, 10),
     )
     accel_vibration_share: float = param(
-        0.7,
+        0.9,
         "the same share for the accelerometer",
         ("", 0, 10),
     )

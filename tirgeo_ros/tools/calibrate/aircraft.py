@@ -30,7 +30,6 @@ from tirgeo_ros.core.calibration.aircraft_fit import (
     LEVEL_LIMIT_RAD,
     PARTS,
     AircraftFit,
-    MountingLevel,
     expected_biases,
     final_biases,
     fit,
@@ -75,7 +74,6 @@ HOLDS = {
     "antenna": PARAMETERS[ANTENNA],
     "baseline": ("baseline_azimuth",),
     **{name: (name,) for name in ("position_delay", "velocity_delay", "heading_delay")},
-    "level": LEVEL,
     # The delay of RTK positions is held, and the IMU's delay is estimated instead.
     "rtk": ("rtk",),
 }
@@ -85,6 +83,10 @@ KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
 )
 #: Delays that differ by less than so many sigmas are alike; and the longest delay of an IMU.
 _SIGMAS, _LONGEST_IMU_S = 3.0, 0.015
+_TURNED = (
+    "aircraft.imu_rpy_deg turns base_link, in which the boresight is measured: calibrate the "
+    "boresight again with this file"
+)
 _LENGTH_M = 1.0  # length that is written for a baseline whose length is not configured
 _USUAL_RUNS = 18  # runs of the filter that a fit usually needs, for the progress bar
 
@@ -96,14 +98,16 @@ def calibrate_aircraft(
     params: Files = None,
     more: Sequence[PathLike] = (),
     hold: Collection[str] = (),
+    level: bool = False,
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
     """Estimate the aircraft's parameters from a flight and write them; return a summary.
 
     With ``more`` flights of the aircraft, all flights' biases are what the next one begins with.
-    ``hold`` lists keys of HOLDS; their parameters keep their values. Raise CalibrationError if no
-    parameter is determined, BagError, ConfigError.
+    ``hold`` lists keys of HOLDS; their parameters keep their values. ``level`` finds the IMU's
+    level against the autopilot's, too. Raise CalibrationError if no parameter is determined,
+    BagError, ConfigError.
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
@@ -118,8 +122,7 @@ def calibrate_aircraft(
             _check_determined(fitted)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
-    result = _result(config, fitted, level, held, notes)
+    result = _result(config, fitted, held, notes, runs.recorded.imu if level else ())
     if more:
         others = [_biases(path, config, namespace, fitted.values) for path in more]
         _add_biases(result, config, [fitted.after.biases, *others])
@@ -227,11 +230,11 @@ def _check_determined(fitted: AircraftFit) -> None:
 def _result(
     config: EkfConfig,
     fitted: AircraftFit,
-    level: MountingLevel | None,
     held: Collection[str],
     notes: list[str],
+    imu: Sequence[ImuSample],
 ) -> Result:
-    """Return the result of a fit; ``level`` is None if the bag has no attitude."""
+    """Return the result of a fit; the autopilot's attitudes in ``imu``, if any, level the IMU."""
     rows = zip(TABLE.items(), fitted.first, fitted.values, fitted.sigma, strict=True)
     estimates = {
         name: estimate(row.key, row.unit, *numbers)
@@ -240,8 +243,8 @@ def _result(
     }
     reasons = dict(fitted.undetermined)
     turn = np.zeros(3)
-    if not set(LEVEL) <= set(held):
-        turn[:2] = _add_level(level, estimates, reasons)
+    if imu:
+        turn[:2] = _add_level(config, fitted, imu, estimates, reasons)
     delays = _shared_delay(config, fitted) or _delays(
         config, fitted, set(estimates), rtk_held="rtk" in held
     )
@@ -255,17 +258,24 @@ def _result(
         for source, value in fitted.before.nis().items()
     }
     numbers = {"parameters": estimates, "not_told": reasons, "nis": nis}
-    return Result(numbers, nodes, notes + _notes(config.aircraft, fitted))
+    more = [_TURNED] if turn.any() else []
+    return Result(numbers, nodes, notes + _notes(config.aircraft, fitted) + more)
 
 
 def _add_level(
-    level: MountingLevel | None, estimates: dict[str, dict[str, Any]], reasons: dict[str, str]
+    config: EkfConfig,
+    fitted: AircraftFit,
+    imu: Sequence[ImuSample],
+    estimates: dict[str, dict[str, Any]],
+    reasons: dict[str, str],
 ) -> Array:
     """Add the level to ``estimates`` or ``reasons``; return the IMU's turn about x, y, FRD, rad.
 
-    The turn is zero about an axis for which the flight does not determine it.
+    The turn is zero about an axis for which the flight does not determine it. The sigma of the
+    autopilot's own level is the configured one: its error is constant, so no flight shows it.
     """
     turn = np.zeros(2)
+    level = mounting_level(fitted.after, imu, PARTS)
     if level is None:
         reasons |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
         return turn
@@ -275,6 +285,7 @@ def _add_level(
             reasons[name] = f"sigma is {math.degrees(sigma):.2g} deg; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
+        sigma = math.hypot(sigma, math.radians(config.autopilot.attitude_sigma_deg[k]))
         estimates[name] = estimate(KEYS[name], "deg", 0.0, sign * turn[k], sigma)
     return turn
 

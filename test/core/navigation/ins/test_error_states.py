@@ -113,10 +113,11 @@ def test_feedback_then_difference_is_the_error(values):
 
 @pytest.mark.parametrize("config", [CONFIG, WITH_ANTENNA])
 def test_gauss_markov_errors_keep_their_standard_deviation(config):
-    """Driving noise s sqrt(2/tau) with decay 1/tau leaves the variance s^2 where it is."""
+    """Driving noise leaves the variance where it is, that of a bias with its turn-on part."""
     states = states_of(config)
     sigmas = np.zeros(states)
-    sigmas[9:12], sigmas[12:15] = IMU.gyro_bias_instability, IMU.accel_bias_instability
+    sigmas[9:12] = np.hypot(IMU.gyro_bias_instability, IMU.gyro_turn_on_bias)
+    sigmas[12:15] = np.hypot(IMU.accel_bias_instability, IMU.accel_turn_on_bias)
     sigmas[GPS_ERROR] = config.gps.position_sigma_m
     if has_antenna(states):
         sigmas[ANTENNA] = 0.1, 0.2, 0.3  # the variance of a constant stays
