@@ -113,6 +113,7 @@ class NavigationStatus:
     #: Noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s).
     vibration: tuple[float, ...] = ()
     began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again
+    gps_sigmas: float = 0.0  # largest slow difference of gps/fix from the state, over its sigma
 
     @property
     def for_operator(self) -> str:

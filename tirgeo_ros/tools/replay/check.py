@@ -23,6 +23,7 @@ from collections import Counter
 import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.navigation.estimator.filter_status import MOST_GPS_SIGMAS
 from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -87,8 +88,10 @@ def check(
     turned = disagreement.get("other_headings", {"pairs": 0})
     if turned["pairs"] >= _LEAST_PAIRS and turned["sigmas"] > _MOST_SIGMAS:
         findings.append(finding("pictures_disagree", **turned))
+    status = poses.registration.navigation.status()
+    if status.gps_sigmas > MOST_GPS_SIGMAS:
+        findings.append(finding("gps_contradiction", sigmas=status.gps_sigmas))
     if not counts["solutions"] and stop_line(findings) is None:
-        status = poses.registration.navigation.status()
         state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
         findings.append(finding("no_pose", state=state, method=status.method))
     findings = sorted_findings(findings)

@@ -27,6 +27,7 @@ from scipy import stats
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit, update
 from tirgeo_ros.core.navigation.ins.propagation import (
     STILL,
@@ -43,10 +44,10 @@ from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 START = state_at(0.695, 2.04, 31.5, (3.0, -1.0, 0.2), (0.05, -0.03, 0.4))
-SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 3]
+SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 4, [0.1] * 3]
 
 
-def estimate(state=START, states=18) -> Propagated:
+def estimate(state=START, states=ANTENNA.start) -> Propagated:
     sigmas = np.r_[SIGMAS, 0.02][:states]
     return Propagated(state, np.diag(sigmas**2))
 
@@ -150,7 +151,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
         truth = START
         for k in range(end):
             if k == begin:
-                certain = Propagated(truth, np.zeros((18, 18)))
+                certain = Propagated(truth, np.zeros((ANTENNA.start,) * 2))
             mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
             truth, _ = propagate(truth, *mean, 1 / 400)
         read = {times[k]: (force[k], rate[k]) for k in (begin, end)}

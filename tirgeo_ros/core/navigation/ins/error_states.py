@@ -23,7 +23,9 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 9-11   gyroscope bias             rad/s
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
-18-20  RTK antenna position in b  m, only if it is not measured
+18     offset of the barometer    m
+19-21  error of GPS velocities    m/s
+22-24  RTK antenna position in b  m, only if it is not measured
 =====  =========================  =====
 
 Their dynamics are in ``propagation``.
@@ -47,12 +49,14 @@ POSITION = slice(6, 9)
 GYRO_BIAS = slice(9, 12)
 ACCEL_BIAS = slice(12, 15)
 GPS_ERROR = slice(15, 18)
-ANTENNA = slice(18, 21)
+BAROMETER_OFFSET = slice(18, 19)  # standard height less true height
+GPS_VELOCITY_ERROR = slice(19, 22)
+ANTENNA = slice(22, 25)
 
 
 def states_of(config: EkfConfig) -> int:
     """Return the number of error states that the parameters ask for."""
-    return ANTENNA.stop if config.aircraft.rtk_lever_sigma_b.any() else GPS_ERROR.stop
+    return ANTENNA.stop if config.aircraft.rtk_lever_sigma_b.any() else ANTENNA.start
 
 
 def has_antenna(states: int) -> bool:
