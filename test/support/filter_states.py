@@ -51,7 +51,7 @@ def ns(seconds: float) -> int:
 
 
 def ekf_config(**values) -> EkfConfig:
-    """Parameters with ``__`` for the point; the antenna's place is known and no state."""
+    """Parameters with ``__`` for the point; the antenna's place is known."""
     return config_from(EkfConfig, _KNOWN | {k.replace("__", "."): v for k, v in values.items()})
 
 

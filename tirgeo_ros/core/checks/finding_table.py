@@ -216,6 +216,12 @@ FINDINGS: Mapping[str, Row] = {
     "position_datum": _caution(
         _DATUM, "rtk/fix, gps/fix",
         "check the coordinates of the RTK base, and that both are in WGS84"),
+    "gps_contradiction": _stop(
+        "gps/fix was {sigmas:.1f} times its sigma (gps.position_sigma_m) off the filter's "
+        "position for 10 s or more, and no RTK says which is right",
+        "gps/fix, gps/vel, baro/pressure",
+        "compare the receiver's heights and velocities with the barometer's; if such errors are "
+        "usual for this receiver, set gps.position_sigma_m to them"),
     "position_elsewhere": _stop(
         "rtk/fix and gps/fix are {apart_km:.0f} km apart", "rtk/fix, gps/fix latitude, longitude",
         {

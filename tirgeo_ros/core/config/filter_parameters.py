@@ -120,6 +120,11 @@ class GpsConfig:
         0.05, "sigma of the position's white noise, independent in each fix", ("m", 1e-3, 100)
     )
     velocity_sigma_floor_m_s: float = _floor(0.1, "a velocity, per axis", ("m/s", 1e-3, 100))
+    velocity_error_m_s: float = param(
+        0.3,
+        "sigma of the velocity's slow error, per axis; reported variance beyond it is slow too",
+        ("m/s", 1e-4, 100),
+    )
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     gate_sigma: float = _gate(5.0, "measurements")
 
@@ -130,7 +135,7 @@ class BarometerConfig:
 
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     noise_m: float = param(
-        0.2,
+        1.0,
         "smallest standard deviation accepted for the white noise of one reading, as a height",
         ("m", 1e-3, 100),
     )
@@ -150,9 +155,14 @@ class BarometerConfig:
     gate_sigma: float = _gate(5.0, "heights")
     reset_after_s: float = param(
         2.0,
-        "take a new reference if heights were rejected for this long and agree with each other",
+        "take a new offset if heights were rejected for this long and agree with each other",
         _PATIENCE,
     )
+
+    @property
+    def density(self) -> float:
+        """Return the density of the offset's random walk, m/sqrt(s): drift and slow error."""
+        return math.sqrt(self.drift**2 + 2 * self.sigma_m**2 / self.time_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -117,6 +117,7 @@ class NavigationStatus:
     #: Estimated delay of the IMU's stamps, and its sigma, enlarged if the NIS is; nan if exact.
     imu_delay_s: float = math.nan
     imu_delay_sigma_s: float = math.nan
+    gps_sigmas: float = 0.0  # largest slow difference of gps/fix from the state, over its sigma
 
     def shows_delay(self, configured_s: float) -> bool:
         """Return whether the flight shows another delay than the configured one, at 3 sigma."""

@@ -23,6 +23,7 @@ from collections import Counter
 import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.navigation.estimator.filter_status import MOST_GPS_SIGMAS
 from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
 from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.bags.bag import BagReader
@@ -91,6 +92,8 @@ def check(
     status = poses.registration.navigation.status()
     if status.shows_delay(configs.ekf.imu.delay_s):
         findings.append(_late(status, configs.ekf.imu.delay_s))
+    if status.gps_sigmas > MOST_GPS_SIGMAS:
+        findings.append(finding("gps_contradiction", sigmas=status.gps_sigmas))
     if not counts["solutions"] and stop_line(findings) is None:
         state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
         findings.append(finding("no_pose", state=state, method=status.method))

@@ -55,9 +55,6 @@ from tirgeo_ros.core.types.verdicts import Outcome
 LEVEL = state_of(0.0, 0.0, 0.0)
 GOOD = ((0.01, 0.0, -0.01), (-0.01, 0.01, 0.0))
 
-#: Variances of the states after the GPS error, all known.
-OTHERS = np.zeros(ANTENNA.start - GPS_ERROR.stop)
-
 
 def fused_position(config: dict, shift: np.ndarray, offsets: tuple = ()):
     estimate = estimate_of(LEVEL, covariance=0.01 * np.eye(ANTENNA.start))
@@ -104,8 +101,10 @@ def test_velocity_enters_with_its_floor():
 
 def test_gps_error_takes_the_part_that_the_position_does_not():
     """If the position is certain, a GPS position shows the error of the receiver."""
-    covariance = np.diag(
-        np.r_[np.zeros(6), np.full(3, 1e-4), np.zeros(6), np.full(3, 4.0), OTHERS]
+    covariance = np.zeros((ANTENNA.start,) * 2)
+    covariance[POSITION, POSITION], covariance[GPS_ERROR, GPS_ERROR] = (
+        np.eye(3) * 1e-4,
+        np.eye(3) * 4.0,
     )
     estimate = estimate_of(LEVEL, covariance=covariance)
     sample = antenna_fix(LEVEL, np.array([1.0, -2.0, 3.0]), Source.GPS_POSITION)
@@ -277,25 +276,32 @@ def test_a_position_without_a_fix_is_not_used():
 
 
 @pytest.mark.parametrize(
-    ("rtk_s", "gps_s", "share", "more", "beyond"),
+    ("gps_s", "share", "more", "added"),
     [
-        (None, None, 1.0, 0.0, 0.0),
-        (None, None, 0.1, 0.0, 0.0),
-        (None, None, 1.0, 9.0, 9.0),  # the first position counts in full
-        (None, 9.9, 1.0, 9.0, 9.0 * 900),  # 2 x 45 s over 0.1 s: a lasting error
-        (None, 5.0, 1.0, 9.0, 9.0 * 90),
-        (9.0, 9.9, 1.0, 9.0, 9.0),  # its error is learned against RTK
+        (None, 1.0, 0.0, 0.0),
+        (None, 0.1, 0.0, 0.0),
+        (None, 1.0, 9.0, 9.0),  # at the first position it is all there
+        (9.9, 1.0, 9.0, 9.0 * (1 - math.exp(-0.2 / 45))),
+        (5.0, 1.0, 9.0, 9.0 * (1 - math.exp(-10 / 45))),
     ],
 )
-def test_reported_variance_beyond_the_slow_error_is_noise(rtk_s, gps_s, share, more, beyond):
-    """The noise is the reported variance less that of the state, not below zero."""
-    gps = CONFIG.gps
+def test_reported_variance_beyond_the_slow_error_is_white_and_slow(gps_s, share, more, added):
+    """A Gauss-Markov process of this variance takes up its share since the last position."""
+    gps, before = CONFIG.gps, np.eye(ANTENNA.start)
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
-    estimate = StateEstimate(HOVER, np.eye(ANTENNA.start), aids_used(rtk_s, gps_s))
+    estimate = StateEstimate(HOVER, before, aids_used(None, gps_s))
     sample = gps_fix(10.0, variances=share * known + more)
-    result = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)[0].measurement.noise
-    expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
-    np.testing.assert_allclose(result, expected, rtol=1e-9)
+    aid, after = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)
+    white = np.eye(3) * (gps.position_noise_m**2 + more)
+    np.testing.assert_allclose(aid.measurement.noise, white, rtol=1e-9)
+    result = after.covariance - before
+    np.testing.assert_allclose(result[GPS_ERROR, GPS_ERROR], added * np.eye(3), atol=1e-12)
+    # Beside a barometer the mean of the heights counts alone: 2 x 45 s over the interval.
+    aids = estimate.aids.with_track(Source.BAROMETER, AidTrack(ns(9.9)))
+    aid, after = GpsPositionAid(CONFIG).measured(sample, estimate._replace(aids=aids), ZERO)
+    white[2, 2] += more * ({9.9: 900}.get(gps_s, 90) - 1)
+    np.testing.assert_allclose(aid.measurement.noise, white, rtol=1e-9)
+    assert (after.covariance - before)[GPS_ERROR, GPS_ERROR][2, 2] == 0.0
 
 
 def with_error(covariance):
@@ -322,7 +328,8 @@ def test_learned_error_fades_with_time_alone(looked_at_s):
 
 def test_fading_does_not_depend_on_how_often_something_is_used():
     """Twenty updates in between or none give the same estimate, if they do not observe it."""
-    covariance = np.diag(np.r_[np.full(15, 1e-6), np.full(3, 1.0), OTHERS])
+    covariance = 1e-6 * np.eye(ANTENNA.start)
+    covariance[GPS_ERROR, GPS_ERROR] = np.eye(3)
     fusion, estimate = Fusion(CONFIG), with_error(covariance)
     for k in range(1, 21):
         sample = velocity(0.5 * k, source=Source.GPS_VELOCITY, variance=0.01)

@@ -54,7 +54,9 @@ SHIFT_N = np.array([3.0, -4.0, 1.0])
 
 def correlated(states: int, seed: int = 3) -> np.ndarray:
     """A covariance with all states correlated, small enough that jumps are refused."""
-    scales = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [1e-4] * 3, [5e-3] * 3, [0.5] * 3, [0.01]]
+    scales = np.r_[
+        [2e-3] * 3, [0.03] * 3, [0.02] * 3, [1e-4] * 3, [5e-3] * 3, [0.5] * 4, [0.01] * 4
+    ]
     root = np.random.default_rng(seed).normal(size=(states, 2 * states)) / math.sqrt(2 * states)
     root *= scales[:states, None]
     return root @ root.T

@@ -26,6 +26,7 @@ from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
+    BAROMETER_OFFSET,
     GPS_ERROR,
     STATES,
     feedback,
@@ -128,6 +129,7 @@ def test_gauss_markov_errors_keep_their_standard_deviation(config):
     for _ in range(2000):  # 20 s: one correlation time of the fastest axis
         covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
     # Euler noise against the exact discrete one differs by dt/tau = 5e-4 at most.
+    covariance[BAROMETER_OFFSET, BAROMETER_OFFSET] = 0.0  # it wanders
     assert np.diag(covariance)[9:] == pytest.approx(sigmas[9:] ** 2, rel=1e-3)
 
 
@@ -136,18 +138,22 @@ def test_step_is_the_transition_of_the_dynamics():
     state = state_of(0.7, 0.3, -0.2, 1.0, (5.0, -3.0, 0.5))
     _, rates = propagate(state, (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 0.04)
     rng = np.random.default_rng(4)
-    scales = np.r_[STEPS, np.ones(3), 1e-2]
-    root = rng.normal(size=(ANTENNA.start, ANTENNA.start)) * scales[:, None]
+    scales = np.r_[STEPS, np.ones(ANTENNA.start - 15)]
+    root = rng.normal(size=(ANTENNA.start,) * 2) * scales[:, None]
     before = root @ root.T
-    f = np.zeros(before.shape)
+    f = np.zeros((ANTENNA.start,) * 2)
     f[:15, :15] = dynamics(state, rates)
-    f[GPS_ERROR, GPS_ERROR] = -np.eye(3) / CONFIG.gps.position_time_s
+    times_s = [*IMU.gyro_bias_time_s, *IMU.accel_bias_time_s, *[CONFIG.gps.position_time_s] * 3]
+    times_s += [np.inf, *[CONFIG.gps.position_time_s] * 3, np.inf]
+    f[15:, 15:] = -np.diag(1 / np.array(times_s[6:]))
     phi = np.eye(ANTENNA.start) + 0.04 * f + 0.5 * (0.04 * f) @ (0.04 * f)
     rotation, gps = matrix_from_quat(np.array(state.q_nb)), CONFIG.gps
     sigmas = [*IMU.gyro_bias_instability, *IMU.accel_bias_instability, *gps.position_sigma_m]
-    times_s = [*IMU.gyro_bias_time_s, *IMU.accel_bias_time_s, *[gps.position_time_s] * 3]
-    noise = np.diag(np.r_[np.zeros(9), 2 * np.square(sigmas) / times_s, 0.0])
+    sigmas += [0.0] * 5
+    noise = np.diag(np.r_[np.zeros(9), 2 * np.square(sigmas) / times_s])
     noise[:3, :3] = rotation @ np.diag(np.square(IMU.angle_random_walk)) @ rotation.T
+    climb_m2_s = CONFIG.barometer.time_s * (CONFIG.barometer.scale_sigma * 0.5) ** 2
+    noise[BAROMETER_OFFSET, BAROMETER_OFFSET] = CONFIG.barometer.density**2 + climb_m2_s
     noise[3:6, 3:6] = rotation @ np.diag(np.square(IMU.velocity_random_walk)) @ rotation.T
     expected = phi @ before @ phi.T + 0.04 * noise
     step = CovariancePropagation(CONFIG).step
@@ -160,8 +166,8 @@ def test_step_is_the_transition_of_the_dynamics():
 @given(st.integers(0, 2**32 - 1))
 def test_covariance_stays_symmetric_and_positive(seed):
     rng = np.random.default_rng(seed)
-    scales = np.r_[STEPS, np.ones(3), 1e-2, np.full(3, 1e-2)]
-    root = rng.normal(size=(ANTENNA.stop, ANTENNA.stop)) * scales
+    scales = np.r_[STEPS, np.ones(ANTENNA.start - 15), np.full(3, 1e-2)]
+    root = rng.normal(size=(ANTENNA.stop,) * 2) * scales
     covariance = root @ root.T
     state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
     propagation = CovariancePropagation(WITH_ANTENNA)

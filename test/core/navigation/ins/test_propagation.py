@@ -44,7 +44,7 @@ from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 START = state_at(0.695, 2.04, 31.5, (3.0, -1.0, 0.2), (0.05, -0.03, 0.4))
-SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 3]
+SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 4, [0.1] * 3]
 
 
 def estimate(state=START, states=ANTENNA.start) -> Propagated:
@@ -151,7 +151,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
         truth = START
         for k in range(end):
             if k == begin:
-                certain = Propagated(truth, np.zeros((ANTENNA.start, ANTENNA.start)))
+                certain = Propagated(truth, np.zeros((ANTENNA.start,) * 2))
             mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
             truth, _ = propagate(truth, *mean, 1 / 400)
         read = {times[k]: (force[k], rate[k]) for k in (begin, end)}

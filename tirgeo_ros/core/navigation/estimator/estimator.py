@@ -165,6 +165,8 @@ class Navigation:
         state, reason = self._state()
         resets, last_reset = self._reset_counts()
         now_ns, newest = self._clocks.now_ns, self._newest
+        aids = self._ekf.aids if self._ekf else None
+        refuted = self._health.refuted(aids) if aids else ()
         variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
         sigma_rad = math.nan if variance_rad2 < 0 else math.sqrt(variance_rad2)
         nis = self._log.nis(now_ns)
@@ -181,13 +183,14 @@ class Navigation:
             {source.value: number for source, number in resets.items()},
             last_reset,
             dict(self._clipping.counts),
-            (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns)),
+            (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns), *refuted),
             nis,
             self._ekf.process_noise if self._ekf else "",
             densities(self._ekf.vibration) if self._ekf else (),
             self._began_again,
             self._config.imu.delay_s + delay_s,
             delay_sigma_s * math.sqrt(max([1.0, *nis.values()])),
+            aids.gps_sigmas if aids else 0.0,
         )
         if not status.shows_delay(self._config.imu.delay_s):
             return status

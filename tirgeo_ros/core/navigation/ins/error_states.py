@@ -23,8 +23,10 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 9-11   gyroscope bias             rad/s
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
-18     delay of the IMU's stamps  s
-19-21  RTK antenna position in b  m, only if it is not measured
+18     offset of the barometer    m
+19-21  error of GPS velocities    m/s
+22     delay of the IMU's stamps  s
+23-25  RTK antenna position in b  m, only if it is not measured
 =====  =========================  =====
 
 Their dynamics are in ``propagation``.
@@ -48,8 +50,10 @@ POSITION = slice(6, 9)
 GYRO_BIAS = slice(9, 12)
 ACCEL_BIAS = slice(12, 15)
 GPS_ERROR = slice(15, 18)
-DELAY = 18
-ANTENNA = slice(19, 22)
+BAROMETER_OFFSET = slice(18, 19)  # standard height less true height
+GPS_VELOCITY_ERROR = slice(19, 22)
+DELAY = 22
+ANTENNA = slice(23, 26)
 
 
 def states_of(config: EkfConfig) -> int:

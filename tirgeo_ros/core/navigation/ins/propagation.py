@@ -18,7 +18,8 @@ The covariance follows the state at a lower rate, and at every measurement. With
 ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the matrix
 of the first 15 error states (``error_states``); it is Groves, 2nd ed., section 14.2.4, in metres
 and with the opposite sign of error. The GPS error, like the biases, is a first-order Gauss-Markov
-process; the IMU's delay and the antenna's position are constant.
+process, as is that of GPS velocities; the barometer's offset is a random walk; the IMU's delay and
+the antenna's position are constant.
 """
 
 from __future__ import annotations
@@ -33,8 +34,12 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.ins.error_states import (
+    ACCEL_BIAS,
     ATTITUDE,
+    BAROMETER_OFFSET,
     GPS_ERROR,
+    GPS_VELOCITY_ERROR,
+    GYRO_BIAS,
     POSITION,
     VELOCITY,
     flat_memory,
@@ -45,6 +50,7 @@ from tirgeo_ros.core.navigation.ins.strapdown import NavState, Rates, propagate,
 from tirgeo_ros.core.types.arrays import Array, Rotation, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 
+_OFFSET = BAROMETER_OFFSET.start
 #: Longest single step of the state.
 _LARGEST_STEP_S = 0.02
 #: Shortest step of the covariance; it gives steps of 50 ms at IMU rates of 100 to 400 Hz.
@@ -227,25 +233,27 @@ class CovariancePropagation:
         self._identity = np.eye(states)
         self._f, self._q, self._a, self.transition, self._half = np.zeros((5, states, states))
         self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
-        imu, gps, constant = config.imu, config.gps, states - GPS_ERROR.stop
-        sigmas = np.array(
-            [*imu.gyro_bias_instability, *imu.accel_bias_instability, *gps.position_sigma_m]
-            + [0.0] * constant
-        )
-        times_s = np.array(
-            [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *[gps.position_time_s] * 3]
-            + [math.inf] * constant
-        )
+        imu, gps, barometer = config.imu, config.gps, config.barometer
+        gyros, accels = imu.gyro_turn_on_bias, imu.accel_turn_on_bias
         # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau). A
         # bias is driven so too, but its constant part, from turn-on, must not decay: the decay is
         # what keeps the variance of both parts.
-        driving = sigmas**2 * 2 / times_s
-        sizes = imu.gyro_turn_on_bias, imu.accel_turn_on_bias, 0.0
-        turn_on = np.repeat(sizes, (3, 3, states - GPS_ERROR.start))
-        kept = np.maximum(sigmas**2 + turn_on**2, np.finfo(float).tiny)  # 0 / 0 means no decay
-        self._f[range(9, states), range(9, states)] = -driving / (2 * kept)
-        self._driving = np.diag(np.concatenate([np.zeros(9), driving]))
+        driving, kept = np.zeros(states), np.full(states, np.finfo(float).tiny)
+        for block, sigma, time_s, turn_on in (
+            (GYRO_BIAS, imu.gyro_bias_instability, imu.gyro_bias_time_s, gyros),
+            (ACCEL_BIAS, imu.accel_bias_instability, imu.accel_bias_time_s, accels),
+            (GPS_ERROR, gps.position_sigma_m, gps.position_time_s, 0.0),
+        ):
+            driving[block] = np.square(sigma) * 2 / time_s
+            kept[block] += np.square(sigma) + turn_on**2
+        np.fill_diagonal(self._f, -driving / (2 * kept))
+        # Driven as it is used.
+        self._f[GPS_VELOCITY_ERROR, GPS_VELOCITY_ERROR] = -np.eye(3) / gps.position_time_s
         self._noise_powers = NoisePowers(imu)
+        self._driving = np.diag(driving)
+        self._driving[_OFFSET, _OFFSET] = barometer.density**2
+        # An error of scale lasts: in ``time_s`` it adds up to that of the climb in this time.
+        self._climbing = barometer.scale_sigma**2 * barometer.time_s
 
     def step(
         self,
@@ -271,6 +279,7 @@ class CovariancePropagation:
         transition.dot(covariance, out=self._half)
         out = self._half.dot(transition.T)
         out += self._noise(rates.rotation_nb, step_s, vibration)
+        out[_OFFSET, _OFFSET] += self._climbing * state.velocity_n[2] ** 2 * step_s
         np.add(out, out.T, out=self._half)
         np.multiply(self._half, 0.5, out=out)
         return np.asarray(out)

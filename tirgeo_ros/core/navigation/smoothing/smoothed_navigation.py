@@ -30,10 +30,7 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import (
-    ANTENNA,
-    DELAY,
     feedback,
-    has_antenna,
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
@@ -45,7 +42,6 @@ from tirgeo_ros.core.types.poses import NavSolution
 
 #: Number of changes computed together: their matrices take 20 MB.
 _BLOCK = 4096
-_NO_CHANGE = (0.0, 0.0, 0.0)
 
 
 class BackwardPass:
@@ -109,7 +105,6 @@ class SmoothedRun:
 
     def __init__(self, config: EkfConfig, record: FlightRecord) -> None:
         self._maker = SolutionMaker(config)
-        self._has_antenna = has_antenna(record.states)
         self._square, self._errors = record.square, BackwardPass(record).smoothed()
         # Keep parts only: the record's transitions and measurements are not needed any more.
         self._covariances, self._kinds = record.covariances, record.kinds
@@ -128,9 +123,8 @@ class SmoothedRun:
         q_nb, delay_s, step = tuple(numbers[1:5]), numbers[29], tuple(numbers[30:])
         before = NavState(q_nb, velocity_n, latitude, longitude, height, gyro, accel)
         state = feedback(before, error)
-        antenna_b = error[ANTENNA].tolist() if self._has_antenna else _NO_CHANGE
-        receivers = Receivers(stamp_ns, _NO_CHANGE, readings.pop(), delay_s)
-        receivers = receivers.changed(_NO_CHANGE, antenna_b, float(error[DELAY]))
+        *readings, antenna_b = readings
+        receivers = Receivers(stamp_ns, antenna_b=antenna_b, imu_delay_s=delay_s).changed(error)
         solution = self._maker.make(stamp_ns, state, covariance, Readings(*readings), receivers)
         return with_pending_step(solution, step if any(step) else ())
 

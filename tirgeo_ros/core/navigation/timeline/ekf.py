@@ -34,14 +34,17 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.barometer import UNKNOWN_M
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion, longest_hold_s
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     ATTITUDE,
+    BAROMETER_OFFSET,
     DELAY,
     GPS_ERROR,
+    GPS_VELOCITY_ERROR,
     GYRO_BIAS,
     POSITION,
     STATES,
@@ -475,6 +478,7 @@ def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
     covariance[:STATES, :STATES] = alignment.covariance
     covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
     covariance[DELAY, DELAY] = config.imu.delay_sigma_s**2
+    covariance[BAROMETER_OFFSET, BAROMETER_OFFSET] = UNKNOWN_M**2
     if has_antenna(states):
         effect = np.zeros((states, 3))
         effect[ANTENNA] = np.eye(3)
@@ -486,12 +490,16 @@ def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
         aids = aids.with_track(source, AidTrack(alignment.stamp_ns))
     if alignment.rtk_status is not None:
         aids = aids.with_status(alignment.rtk_status, alignment.stamp_ns, 0)
-    if Source.GPS_POSITION in alignment.sources:
-        # The position came from the GPS: its error (truth - estimate) is the GPS's error, negated.
-        gps_m2 = covariance[GPS_ERROR, GPS_ERROR]
-        covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -gps_m2
-        noise_m2 = config.gps.position_noise_m**2
-        least = np.diag(gps_m2) + noise_m2
-        position = covariance[POSITION, POSITION]
-        np.fill_diagonal(position, np.maximum(np.diag(position), least))
+    gps = config.gps
+    for source, state, error, least, noise in (
+        (Source.GPS_POSITION, POSITION, GPS_ERROR, gps.position_sigma_m, gps.position_noise_m),
+        (Source.GPS_VELOCITY, VELOCITY, GPS_VELOCITY_ERROR, 0.0, gps.velocity_error_m_s),
+    ):
+        if source in alignment.sources:
+            # The state came from the GPS: its error (truth - estimate) is the GPS's, negated.
+            own = covariance[state, state]
+            np.fill_diagonal(own, np.maximum(np.diag(own), np.square(least)))
+            covariance[error, :] = -covariance[state, :]
+            covariance[:, error] = -covariance[:, state]
+            covariance[error, error] = own + np.eye(3) * noise**2
     return StateEstimate(alignment.state, covariance, aids)
