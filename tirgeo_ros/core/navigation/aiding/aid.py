@@ -166,6 +166,8 @@ class Aid:
     eased: ClassVar[bool] = False
     #: The error states that a reset sets as measured, after a long contradiction.
     resets: ClassVar[slice | None] = None
+    #: Whether a delay of the IMU's stamps matters to it: not to what the IMU itself measures.
+    by_delay: ClassVar[bool] = True
     #: Whether its samples are taken from the IMU's messages (``of_imu``).
     in_imu: ClassVar[bool] = False
 

@@ -149,13 +149,14 @@ class Fusion:
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), estimate)
         receivers = estimate.aids.receivers.at(sample.stamp_ns, self._gps_time_s)
         aids = estimate.aids._replace(receivers=receivers)
-        state, shown, rate_b = estimate.state, estimate.state, angular_rate_b
+        model, state, rate_b = self._models[sample.source], estimate.state, angular_rate_b
+        motion, shown = motion if model.by_delay else None, state
         if motion is not None:
             shown = later(state, motion, receivers.imu_delay_s)
             change_b = map(operator.sub, state.gyro_bias_b, shown.gyro_bias_b)
             rate_b = added(rate_b, tuple(change_b))
         estimate = StateEstimate(shown, estimate.covariance, aids)
-        aid, estimate = self._models[sample.source].measured(sample, estimate, rate_b)
+        aid, estimate = model.measured(sample, estimate, rate_b)
         estimate = estimate._replace(state=state)
         if isinstance(aid, Verdict):
             return Fused(aid, estimate)

@@ -155,6 +155,7 @@ class RestAid(Aid):
     source = Source.REST
     look_at = "imu.angle_random_walk"
     unit = "rad/s"
+    by_delay = False
 
     def measured(self, sample: Rest, estimate: StateEstimate, _rate_b: Vector) -> Modelled:
         """Return the measurement of the three biases; it never causes a reset."""
