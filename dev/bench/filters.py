@@ -130,7 +130,7 @@ def _median(what: str, values: Sequence[float], unit: str, wanted: str = "") -> 
     low, high = (percentile(values, share) for share in (25, 75))
     digits = 3 if high < 10 else 1
     span = f"{unit}, quartiles {low:.{digits}f} to {high:.{digits}f}"
-    return Figure(what, percentile(values, 50), span, wanted)
+    return Figure(what, percentile(values, 50), f"{span}  ", wanted)
 
 
 def smoother_figures() -> Iterator[Figure]:

@@ -130,6 +130,8 @@ class Navigation:
         """
         if config.publish_rate_hz != self._config.publish_rate_hz:
             self._rate = RateLimit(config.publish_rate_hz)
+        if config.imu != self._config.imu:
+            self._rest = RestTest(config.imu)
         self._config = config
         self._delays = Delays.from_config(config)
         self._imu_clock.configure(config.max_imu_gap_s)
