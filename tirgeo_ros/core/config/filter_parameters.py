@@ -227,6 +227,7 @@ class ImuConfig(ImuNoiseConfig):
         "sigma of the part of that delay that is not known; the filter estimates it in turns, and "
         "corrects poses for it. 0 = delay_s is exact",
         ("s", 0, 0.05),
+        live=False,
     )
 
     @property

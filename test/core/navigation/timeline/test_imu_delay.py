@@ -78,6 +78,19 @@ def test_turns_show_the_delay():
     assert "set imu.delay_s to 0.00" in "; ".join(status.warnings)
 
 
+def test_a_delay_that_is_set_in_flight_is_not_taken_twice():
+    flight = flown(4, 0.007, "figure_eight", 60.0)
+    samples, navigation = navigation_samples(flight), Navigation(fitting_config(flight))
+    half = len(samples) // 2
+    published(navigation, samples[:half])
+    before_s = navigation.status().imu_delay_s
+    navigation.configure(fitting_config(flight, imu__delay_s=round(before_s, 4)))
+    published(navigation, samples[half : half + 10])
+    # The whole delay stays: a hundredth of a second's measurements change it little.
+    assert navigation.status().imu_delay_s == pytest.approx(before_s, abs=2e-4)
+    assert not navigation.status().shows_delay(round(before_s, 4))
+
+
 def test_a_delay_that_no_imu_has_is_left_to_the_receivers():
     """RTK stamped 40 ms early looks like an IMU that is late: attitudes stay as they are."""
     status = status_of(flown(4, 0.04, "figure_eight", 60.0))

@@ -216,6 +216,12 @@ class AidStatus(NamedTuple):
         """Return the record of a source."""
         return self.tracks[PLACE[source]]
 
+    def with_imu_delay(self, change_s: float) -> AidStatus:
+        """Return the records with the IMU's delay changed."""
+        receivers = self.receivers
+        delay_s = receivers.imu_delay_s + change_s
+        return self._replace(receivers=receivers._replace(imu_delay_s=delay_s))
+
     @property
     def gps_sigmas(self) -> float:
         """Return the largest slow difference of gps/fix from the state, over its sigma."""

@@ -144,6 +144,8 @@ class Ekf:
         fusion: Fusion | None = None,
         record: FlightRecord | None = None,
     ) -> None:
+        self._epochs: list[FilterEpoch] = []
+        self._delay_s = config.imu.delay_s
         self.configure(config)
         self._mechanisation: Propagation = mechanisation or self._mechanisation
         self._fusion: Fusion = fusion or self._fusion
@@ -155,7 +157,8 @@ class Ekf:
         first.aids = estimate.aids
         if record is not None:
             first.propagated = first.propagated._replace(trail=Mark(Change(estimate.covariance)))
-        self._epochs, self._record = [first], record
+        self._epochs.append(first)
+        self._record = record
         self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
         self._progress: _Progress | None = None
@@ -169,6 +172,11 @@ class Ekf:
         self._keep_ns = round(config.max_delay_s * 1e9)
         self._hold_ns = round(longest_hold_s(config) * 1e9)
         self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
+        found_s, self._delay_s = self._delay_s - config.imu.delay_s, config.imu.delay_s
+        if found_s:
+            self._progress = None
+            for epoch in self._epochs:  # of which the next stamps have less by as much
+                epoch.aids = epoch.aids.with_imu_delay(found_s)
 
     @property
     def newest_ns(self) -> int:
