@@ -132,7 +132,7 @@ class Navigation:
             self._rate = RateLimit(config.publish_rate_hz)
         if config.imu != self._config.imu:
             self._rest = RestTest(config.imu)
-        self._config = config
+        taken_s, self._config = config.imu.delay_s - self._config.imu.delay_s, config
         self._delays = Delays.from_config(config)
         self._imu_clock.configure(config.max_imu_gap_s)
         for part in (self._health, self._clocks, self._passthrough):
@@ -140,6 +140,8 @@ class Navigation:
         self._in_imu = [aid(config) for aid in AIDS.values() if aid.in_imu]
         if self._ekf is not None:
             self._ekf.configure(config)
+            if taken_s:
+                self._ekf.take_delay(taken_s)
         else:
             self._start_up = StartUp(config, self._start_up.prior)
 

@@ -144,8 +144,6 @@ class Ekf:
         fusion: Fusion | None = None,
         record: FlightRecord | None = None,
     ) -> None:
-        self._epochs: list[FilterEpoch] = []
-        self._delay_s = config.imu.delay_s
         self.configure(config)
         self._mechanisation: Propagation = mechanisation or self._mechanisation
         self._fusion: Fusion = fusion or self._fusion
@@ -157,8 +155,7 @@ class Ekf:
         first.aids = estimate.aids
         if record is not None:
             first.propagated = first.propagated._replace(trail=Mark(Change(estimate.covariance)))
-        self._epochs.append(first)
-        self._record = record
+        self._epochs, self._record = [first], record
         self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
         self._progress: _Progress | None = None
@@ -172,11 +169,12 @@ class Ekf:
         self._keep_ns = round(config.max_delay_s * 1e9)
         self._hold_ns = round(longest_hold_s(config) * 1e9)
         self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
-        found_s, self._delay_s = self._delay_s - config.imu.delay_s, config.imu.delay_s
-        if found_s:
-            self._progress = None
-            for epoch in self._epochs:  # of which the next stamps have less by as much
-                epoch.aids = epoch.aids.with_imu_delay(found_s)
+
+    def take_delay(self, taken_s: float) -> None:
+        """Reduce the IMU's estimated delay by what the stamps of all later samples lack of it."""
+        self._progress = None
+        for epoch in self._epochs:
+            epoch.aids = epoch.aids.with_imu_delay(-taken_s)
 
     @property
     def newest_ns(self) -> int:
