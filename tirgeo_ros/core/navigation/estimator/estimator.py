@@ -198,7 +198,9 @@ class Navigation:
         )
         if not status.shows_delay(self._config.imu.delay_s):
             return status
-        return replace(status, warnings=(*status.warnings, _late(status)))
+        return replace(
+            status, warnings=(*status.warnings, _late(status, self._config.imu.delay_s))
+        )
 
     @property
     def biases(self) -> Biases | None:
@@ -389,11 +391,13 @@ class Navigation:
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
 
 
-def _late(status: NavigationStatus) -> str:
+def _late(status: NavigationStatus, configured_s: float) -> str:
     """Say what the flight shows of the IMU's delay."""
+    off_ms, sigma_ms = 1e3 * (status.imu_delay_s - configured_s), 1e3 * status.imu_delay_sigma_s
+    way = "later" if off_ms > 0 else "earlier"
     return (
-        f"imu/data: stamps are {status.imu_delay_s * 1e3:.1f} ms late (sigma "
-        f"{status.imu_delay_sigma_s * 1e3:.1f}): set imu.delay_s to {status.imu_delay_s:.4f}"
+        f"imu/data: stamps are {abs(off_ms):.1f} ms {way} than the parameters say (sigma "
+        f"{sigma_ms:.1f} ms): set imu.delay_s to {status.imu_delay_s:.4f}"
     )
 
 
