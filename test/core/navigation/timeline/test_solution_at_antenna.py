@@ -151,7 +151,7 @@ def test_an_antenna_that_nobody_measured_is_where_base_link_begins(shape):
     # Of the IMU it is off by the height: what is tested is the antenna's.
     of_imu = errors(flight, published).after(20.0)
     assert np.mean(of_imu.state[:, 2]) == pytest.approx(UP_M, abs=0.05)
-    place_b = np.array(estimate.aids.receivers)
+    place_b = np.array(estimate.aids.receivers.antenna_b)
     sigma_m = np.sqrt(estimate.covariance.diagonal()[ANTENNA])
     assert abs(place_b[2] + UP_M) < 3 * sigma_m[2]
     assert 0 < sigma_m[2] < 0.03  # of 0.3 at the start: a tilt of 5 deg moves it by 2.6 cm
