@@ -17,56 +17,121 @@
 from __future__ import annotations
 
 import itertools
+import math
 import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
 from dev.bench.pyins import pyins_is_installed, pyins_run
-from dev.flight_errors import fitting_config, navigation_samples, published
+from dev.flight_errors import (
+    Errors,
+    Squares,
+    errors,
+    fitting_config,
+    navigation_samples,
+    published,
+)
 from dev.flights import LoopedFlight
-from dev.judging import Figure, in_processes
+from dev.judging import Figure, in_processes, percentile
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import (
     RecordingNavigation,
     SmoothedNavigation,
+    smoothed,
 )
+from tirgeo_ros.tools.presentation.progress import Progress
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 _Result = TypeVar("_Result")
 
-#: 4000 IMU samples at 100 Hz, 200 epochs of RTK; pyins takes some 10 s for them.
-_FLIGHT_S = 40.0
-_SEED = 3
-#: The fastest of several runs is the one least slowed by other processes.
-_RUNS = 3
+#: 6000 IMU samples at 100 Hz, 300 epochs of RTK; pyins takes some 15 s for them.
+_FLIGHT_S = 60.0
+_SEEDS = range(1, 13)
+#: The faster of two runs is the one less slowed by other processes.
+_RUNS = 2
+#: Errors count when biases are learned, and where a smoother has measurements from both sides.
+_FROM_S, _END_S = 20.0, 10.0
 _HOUR_MINUTES = 60
 
 
-def filter_figures() -> Iterator[Figure]:
-    """Yield the cost of our filter and of pyins, measured in turn on the same flight.
+@dataclass(frozen=True)
+class Compared:
+    """Hold a flight's costs, us of CPU per IMU sample, and rms heading errors, deg."""
+
+    own_us: float
+    own_deg: tuple[float, float]  # filtered, smoothed
+    pyins_us: float = math.nan
+    pyins_deg: tuple[float, float] = (math.nan, math.nan)
+
+
+def compared(seed: int) -> Compared:
+    """Fly one flight through our filter and, if it is installed, through pyins.
 
     Our cost includes everything: ``process()`` of every sample, ordinary GPS too, with checks and
     verdicts, and a solution with covariance at every IMU sample. The cost of pyins is the call of
     its filter alone.
     """
-    flight = fly(scenario_from({"duration_s": _FLIGHT_S}), _SEED)
-    samples, config = navigation_samples(flight), fitting_config(flight)
-    pyins = pyins_run(flight).run if pyins_is_installed() else None
+    flight = fly(scenario_from({"duration_s": _FLIGHT_S}), seed)
+    samples = navigation_samples(flight)
+    config = fitting_config(flight, imu__delay_sigma_s=0.0)  # pyins has no state of the delay
+    rival = None
     own_s, pyins_s = [], []
     for _ in range(_RUNS):  # in turn: if the machine is slow for a while, both are
-        own_s.append(_timed(partial(published, Navigation(config), samples))[0])
-        if pyins is not None:
-            pyins_s.append(_timed(pyins)[0])
-    us_a_sample = 1e6 / len(flight.truth.stamp_ns)
-    yield Figure("filter, CPU per IMU sample", min(own_s) * us_a_sample, "us", "<= 60")
-    if pyins_s:
-        name = "pyins on the same flight, per IMU sample"
-        yield Figure(name, min(pyins_s) * us_a_sample, "us")
-        yield Figure("pyins over filter", min(pyins_s) / min(own_s), "ratio", ">= 20")
+        seconds, found = _timed(partial(published, Navigation(config), samples))
+        own_s.append(seconds)
+        if pyins_is_installed():
+            rival = pyins_run(flight, config, found[0])
+            seconds, result = _timed(rival.run)
+            pyins_s.append(seconds)
+    later = published(smoothed(config, samples), samples)
+    own_us = 1e6 * min(own_s) / len(flight.truth.stamp_ns)
+    own_deg = _heading_deg(errors(flight, found)), _heading_deg(errors(flight, later))
+    if rival is None:
+        return Compared(own_us, own_deg)
+    pyins_us = 1e6 * min(pyins_s) / rival.samples
+    pyins_deg = _heading_deg(rival.errors(result)), _heading_deg(rival.smoothed_errors(result))
+    return Compared(own_us, own_deg, pyins_us, pyins_deg)
+
+
+def _heading_deg(every: Errors) -> float:
+    squares = Squares.of(every, _FROM_S, _FLIGHT_S - _END_S)
+    return math.degrees(math.sqrt(squares.rpy[2]))
+
+
+def filter_figures() -> Iterator[Figure]:
+    """Yield costs and heading errors of our filter and of pyins, medians over seeded flights.
+
+    Behind each are the quartiles; the ratios are those of each flight.
+    """
+    rows = []
+    with Progress("filter and pyins", "flights") as bar:
+        for seed in _SEEDS:
+            rows.append(compared(seed))
+            bar(len(rows), len(_SEEDS))
+    yield _median("filter, CPU per IMU sample", [row.own_us for row in rows], "us", "<= 60")
+    kinds = tuple(enumerate(("filtered", "smoothed")))
+    for k, kind in kinds:
+        yield _median(f"heading, {kind}", [row.own_deg[k] for row in rows], "deg")
+    if not pyins_is_installed():
+        return
+    yield _median("pyins, per IMU sample", [row.pyins_us for row in rows], "us")
+    ratios = [row.pyins_us / row.own_us for row in rows]
+    yield _median("pyins over filter", ratios, "ratio", ">= 18")
+    for k, kind in kinds:
+        yield _median(f"heading by pyins, {kind}", [row.pyins_deg[k] for row in rows], "deg")
+        errors_over = [row.own_deg[k] / row.pyins_deg[k] for row in rows]
+        yield _median(f"heading, {kind}: ours over pyins'", errors_over, "ratio", "<= 1.03")
+
+
+def _median(what: str, values: Sequence[float], unit: str, wanted: str = "") -> Figure:
+    low, high = (percentile(values, share) for share in (25, 75))
+    digits = 3 if high < 10 else 1
+    span = f"{unit}, quartiles {low:.{digits}f} to {high:.{digits}f}"
+    return Figure(what, percentile(values, 50), f"{span}  ", wanted)
 
 
 def smoother_figures() -> Iterator[Figure]:

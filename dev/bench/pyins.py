@@ -16,8 +16,10 @@
 
 pyins (PyPI: python-ins) is not a dependency; ``make bench`` installs it. Its feedback filter takes
 the whole flight at once, in degrees and pandas tables. It knows positions and velocities; the
-heading is added as its documentation describes for new measurements. The antenna's lever arm and
-the sensors' noise are those of the scenario; the rest are pyins' defaults.
+heading is added as its documentation describes for new measurements. It starts from our first
+solution and has our parameters: turn-on biases, noise, and the sigmas of the measurements. Only
+its covariance step stays its own, 0.1 s. It has no smoother for feedback: Rauch, Tung and
+Striebel's recursion goes back through its steps.
 """
 
 from __future__ import annotations
@@ -25,14 +27,18 @@ from __future__ import annotations
 import importlib
 import importlib.util
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
 from dev.flight_errors import Errors, States, errors_of_states, navigation_samples
+from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, wrap_pi
+from tirgeo_ros.core.navigation.aiding.aid import floored
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import (
     HeadingSample,
@@ -41,10 +47,9 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight
 
-#: Sigmas of the initial state, as pyins takes them: m, m/s, degrees of tilt and of heading.
-_START_SIGMA = (0.1, 0.1, 0.5, 1.0)
 _LLA = ("lat", "lon", "alt")
 _VELOCITY = ("VN", "VE", "VD")
 _RPH = ("roll", "pitch", "heading")
@@ -56,21 +61,80 @@ def pyins_is_installed() -> bool:
     return importlib.util.find_spec("pyins") is not None
 
 
+@dataclass
+class Steps:
+    """Record what a smoother needs of a run of pyins: K epochs of n error states."""
+
+    covariances: Array = field(default_factory=lambda: np.empty(0))  # (K, n, n) after the update
+    moves: list[tuple[Array, Array]] = field(default_factory=list)  # Phi, Q after each epoch
+    corrections: dict[int, Array] = field(default_factory=dict)  # (n,) by epoch
+
+    @contextmanager
+    def recorded(self) -> Iterator[None]:
+        """Record a run that is made inside; the filter's own functions tell the matrices."""
+        filters = importlib.import_module("pyins").filters
+        names = "_compute_error_propagation_matrices", "_compute_sd"
+        correct, propagate, make_sigmas = filters.kalman.correct, *map(vars(filters).get, names)
+
+        def corrected(*args: Any) -> Any:
+            result = correct(*args)
+            self.corrections[len(self.moves)] = result[0]
+            return result
+
+        def propagated(*args: Any) -> Any:
+            self.moves.append(propagate(*args))
+            return self.moves[-1]
+
+        def with_sigmas(covariances: Array, *args: Any) -> Any:
+            self.covariances = covariances
+            return make_sigmas(covariances, *args)
+
+        with (
+            mock.patch.object(filters.kalman, "correct", corrected),
+            mock.patch.object(filters, names[0], propagated),
+            mock.patch.object(filters, names[1], with_sigmas),
+        ):
+            yield
+
+    def smoothed(self) -> Array:
+        """Return the smoothed errors (K, n) of the state after each update."""
+        errors = np.zeros(self.covariances.shape[:2])
+        for k in reversed(range(len(errors) - 1)):
+            transition, noise = self.moves[k]
+            moved = transition @ self.covariances[k]
+            later = errors[k + 1] + self.corrections.get(k + 1, 0.0)
+            errors[k] = moved.T @ np.linalg.solve(moved @ transition.T + noise, later)
+        return errors
+
+
 @dataclass(frozen=True)
 class PyinsRun:
     """Hold a flight in the form that pyins takes; ``run`` calls its filter and nothing else."""
 
     flight: SimulatedFlight
-    stamp_ns: list[int]
+    zero_ns: int
+    samples: int  # of the IMU
     run: Callable[[], Any]
+    steps: Steps
 
     def errors(self, result: Any) -> Errors:
         """Return the errors of a result at every IMU sample."""
-        table = result.trajectory
+        return self._errors(result.trajectory)
+
+    def smoothed_errors(self, result: Any) -> Errors:
+        """Return the errors of a recorded result, smoothed, at the ends of pyins' steps."""
+        model = importlib.import_module("pyins").error_model.InsErrorModel()
+        rows = result.trajectory.loc[result.trajectory_sd.index]
+        errors = self.steps.smoothed()[:, : model.n_states]
+        pairs = zip(rows.iterrows(), errors, strict=True)
+        table = [model.correct_pva(row, error) for (_, row), error in pairs]
+        return self._errors(_table(rows.columns, list(rows.index), table))
+
+    def _errors(self, table: Any) -> Errors:
         euler = np.radians(table[list(_RPH)].to_numpy())
         place = table[list(_LLA)].to_numpy()
         states = States(
-            self.stamp_ns,
+            [self.zero_ns + round(t_s * 1e9) for t_s in table.index],
             *(np.radians(place[:, 0]), np.radians(place[:, 1]), place[:, 2]),
             table[list(_VELOCITY)].to_numpy(),
             quat_from_euler(*euler.T),
@@ -78,25 +142,25 @@ class PyinsRun:
         return errors_of_states(self.flight.truth, states)
 
 
-def pyins_run(flight: SimulatedFlight) -> PyinsRun:
-    """Convert a flight's IMU and RTK samples, so that ``run`` only filters."""
-    pyins = importlib.import_module("pyins")
-    samples = navigation_samples(flight)
+def pyins_run(flight: SimulatedFlight, config: EkfConfig, start: NavSolution) -> PyinsRun:
+    """Convert a flight's IMU and RTK samples from ``start`` on, so that ``run`` only filters."""
+    pyins, zero_ns = importlib.import_module("pyins"), start.stamp_ns
+    samples = [s for s in navigation_samples(flight) if s.stamp_ns >= zero_ns]
     imu = [s for s in samples if isinstance(s, ImuSample)]
-    zero_ns = imu[0].stamp_ns
     readings = [np.concatenate([s.angular_rate_b, s.specific_force_b]) for s in imu]
     table = _table(_IMU, _seconds(imu, zero_ns), readings)
     increments = pyins.strapdown.compute_increments_from_imu(table, "rate")
-    measurements = _measurements(flight, zero_ns)
-    gyro, accel = _sensor_models(flight)
-    start = _start(flight)
+    later = [s for s in samples if s.stamp_ns > zero_ns]
+    measurements = _measurements(later, config, zero_ns)
+    models, steps = _sensor_models(config), Steps()
 
     def run() -> Any:
-        return pyins.filters.run_feedback_filter(
-            start, *_START_SIGMA, increments, gyro, accel, measurements
-        )
+        with steps.recorded():
+            return pyins.filters.run_feedback_filter(
+                _start(start), *_start_sigmas(start), increments, *models, measurements
+            )
 
-    return PyinsRun(flight, [s.stamp_ns for s in imu], run)
+    return PyinsRun(flight, zero_ns, len(imu), run, steps)
 
 
 def _seconds(samples: Sequence[Any], zero_ns: int) -> list[float]:
@@ -108,40 +172,42 @@ def _table(columns: Sequence[str], times_s: Sequence[float], rows: Any) -> Any:
     return pandas.DataFrame(np.array(rows), index=times_s, columns=list(columns))
 
 
-def _sensor_models(flight: SimulatedFlight) -> tuple[Any, Any]:
-    """Return models of white noise, turn-on bias and its walk; pyins has no Gauss-Markov bias."""
+def _sensor_models(config: EkfConfig) -> tuple[Any, Any]:
+    """Return models of white noise, turn-on bias and its walk; ours decays in some minutes."""
     model = importlib.import_module("pyins").inertial_sensor.EstimationModel
-    imu = flight.scenario.imu
-    walks = [
-        np.array(std) * np.sqrt(2 / np.array(time_s))
-        for std, time_s in (
-            (imu.noise.gyro_bias_instability, imu.noise.gyro_bias_time_s),
-            (imu.noise.accel_bias_instability, imu.noise.accel_bias_time_s),
+    imu = config.imu
+    gyro = np.array(imu.gyro_bias_instability), np.array(imu.gyro_bias_time_s)
+    accel = np.array(imu.accel_bias_instability), np.array(imu.accel_bias_time_s)
+    return tuple(
+        model(np.hypot(turn_on, sigma), white, sigma * np.sqrt(2 / time_s))
+        for turn_on, white, (sigma, time_s) in (
+            (imu.gyro_turn_on_bias, imu.angle_random_walk, gyro),
+            (imu.accel_turn_on_bias, imu.velocity_random_walk, accel),
         )
-    ]
-    return (
-        model(imu.gyro_turn_on_bias_rad_s, imu.noise.angle_random_walk, walks[0]),
-        model(imu.accel_turn_on_bias_m_s2, imu.noise.velocity_random_walk, walks[1]),
     )
 
 
-def _start(flight: SimulatedFlight) -> Any:
-    """Return the truth at the first IMU sample: pyins has no alignment."""
-    truth = flight.truth
-    place = [*np.degrees([truth.latitude_rad[0], truth.longitude_rad[0]]), truth.height_m[0]]
-    rph = np.degrees(euler_from_quat(truth.q_nb[0]))
+def _start(start: NavSolution) -> Any:
+    place = [*np.degrees([start.latitude_rad, start.longitude_rad]), start.height_m]
+    rph = np.degrees(euler_from_quat(start.q_nb))
     pandas = importlib.import_module("pandas")
     return pandas.Series(
-        np.concatenate([place, truth.velocity_n[0], rph]),
-        index=[*_LLA, *_VELOCITY, *_RPH],
-        name=0.0,
+        np.concatenate([place, start.velocity_n, rph]), index=[*_LLA, *_VELOCITY, *_RPH], name=0.0
     )
 
 
-def _measurements(flight: SimulatedFlight, zero_ns: int) -> list[Any]:
-    """Return the RTK receiver's measurements after its first epoch, which is the initial state."""
-    pyins = importlib.import_module("pyins")
-    samples = [s for s in navigation_samples(flight) if s.stamp_ns > zero_ns]
+def _start_sigmas(start: NavSolution) -> tuple[float, float, float, float]:
+    """Return sigmas as pyins takes them: m, m/s, degrees of tilt and of heading."""
+    variance = start.covariance.diagonal()
+    position, tilt, velocity = (
+        float(np.sqrt(variance[rows].mean())) for rows in (slice(3), slice(3, 5), slice(6, 9))
+    )
+    return position, velocity, math.degrees(tilt), math.degrees(math.sqrt(variance[5]))
+
+
+def _measurements(samples: Sequence[Any], config: EkfConfig, zero_ns: int) -> list[Any]:
+    """Return the RTK receiver's measurements, with the sigmas that our filter takes."""
+    pyins, rtk = importlib.import_module("pyins"), config.rtk
     fixes = [
         s for s in samples if isinstance(s, PositionSample) and s.source is Source.RTK_POSITION
     ]
@@ -150,8 +216,15 @@ def _measurements(flight: SimulatedFlight, zero_ns: int) -> list[Any]:
     ]
     headings = [s for s in samples if isinstance(s, HeadingSample)]
     places = [[*np.degrees([s.latitude_rad, s.longitude_rad]), s.height_m] for s in fixes]
-    arm_b = flight.scenario.aircraft.rtk_lever_b
-    sigmas = [np.sqrt(s.covariance_n.diagonal()) for s in (fixes[0], velocities[0])]
+    arm_b = config.aircraft.rtk_lever_b
+    sigmas = [
+        np.sqrt(floored(sample.covariance_n, floor).diagonal())
+        for sample, floor in (
+            (fixes[0], rtk.position_sigma_floor_m),
+            (velocities[0], rtk.velocity_sigma_floor_m_s),
+        )
+    ]
+    least_rad2 = math.radians(config.heading.sigma_floor_deg) ** 2
     return [
         pyins.measurements.Position(
             _table(_LLA, _seconds(fixes, zero_ns), places), sigmas[0], arm_b
@@ -161,14 +234,16 @@ def _measurements(flight: SimulatedFlight, zero_ns: int) -> list[Any]:
             sigmas[1],
             arm_b,
         ),
-        _heading_measurement(headings, zero_ns),
+        _heading_measurement(headings, max(headings[0].variance_rad2, least_rad2), zero_ns),
     ]
 
 
-def _heading_measurement(headings: Sequence[HeadingSample], zero_ns: int) -> Any:
+def _heading_measurement(
+    headings: Sequence[HeadingSample], variance_rad2: float, zero_ns: int
+) -> Any:
     """Return headings as a new kind of pyins measurement: a class with ``compute_matrices``."""
     pyins = importlib.import_module("pyins")
-    noise = np.array([[headings[0].variance_rad2]])
+    noise = np.array([[variance_rad2]])
 
     class Heading(pyins.measurements.Measurement):  # type: ignore[misc, name-defined]
         """Measure the heading in degrees; ``z`` is predicted minus measured, in radians."""

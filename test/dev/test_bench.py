@@ -25,8 +25,10 @@ import pytest
 from dev.bench import dji as bench_dji, filters
 from dev.bench.graph import times_of
 from dev.bench.pyins import pyins_is_installed, pyins_run
+from dev.flight_errors import fitting_config, navigation_samples, published
 from dev.judging import Figure
 from tirgeo_ros.core.accuracy.ground_errors import rms
+from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.types.errors import GraphError
 from tirgeo_ros.dji.link.framing import FrameReader
 from tirgeo_ros.tools.simulate.flight import fly
@@ -35,10 +37,12 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
     monkeypatch.setattr(filters, "_RUNS", 1)
-    monkeypatch.setattr(filters, "_FLIGHT_S", 10.0)
+    monkeypatch.setattr(filters, "_SEEDS", (3,))
+    monkeypatch.setattr(filters, "_FLIGHT_S", 32.0)
     monkeypatch.setattr(filters, "pyins_is_installed", lambda: False)
-    (cost,) = filters.filter_figures()
+    cost, filtered, smoothed = filters.filter_figures()
     assert 1 < cost.value < 1e4  # us per sample, not per flight
+    assert 0 < smoothed.value < 0.3 > filtered.value > 0  # 0.07 deg rms, over 2 s only
 
 
 @pytest.mark.slow
@@ -46,12 +50,19 @@ def test_without_pyins_the_filter_is_measured_alone(monkeypatch):
 @pytest.mark.skipif(not pyins_is_installed(), reason="pyins is not installed: make bench does")
 def test_pyins_is_given_what_it_needs_to_be_good():
     """What a cost is worth depends on the accuracy: 0.12 deg and 2 cm, as the filter's own."""
-    flight = fly(scenario_from({"duration_s": 30.0}), 3)
-    rival = pyins_run(flight)
-    late = rival.errors(rival.run()).after(20.0)
-    assert len(late.t_s) == 1000
+    flight = fly(scenario_from({"duration_s": 40.0}), 3)
+    config = fitting_config(flight)
+    start = published(Navigation(config), navigation_samples(flight))[0]
+    rival = pyins_run(flight, config, start)
+    result = rival.run()
+    late = rival.errors(result).after(20.0)
+    assert len(late.t_s) == 2000
     assert np.degrees(rms(late.rpy)).max() < 0.12
     assert rms(late.state[:, :3]).max() < 0.02
+    inner, found = rival.smoothed_errors(result), rival.errors(result)
+    times = [(every.t_s > 15) & (every.t_s < 30) for every in (inner, found)]
+    better = rms(inner.rpy[times[0]]) / rms(found.rpy[times[1]])
+    assert better.max() < 0.9  # a smoother that goes wrong is no better
 
 
 @pytest.mark.slow

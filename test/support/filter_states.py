@@ -24,6 +24,7 @@ from tirgeo_ros.core.frames.rotations import quat_from_euler, rotation_of
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, matrix
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
@@ -50,7 +51,7 @@ def ns(seconds: float) -> int:
 
 
 def ekf_config(**values) -> EkfConfig:
-    """Parameters with ``__`` for the point; the antenna's place is known: 18 states."""
+    """Parameters with ``__`` for the point; the antenna's place is known."""
     return config_from(EkfConfig, _KNOWN | {k.replace("__", "."): v for k, v in values.items()})
 
 
@@ -69,7 +70,7 @@ def state_of(roll: float, pitch: float, yaw: float) -> NavState:
     return NavState(q, (3.0, -1.0, 0.2), *HOME, *[ZERO] * 3)
 
 
-def estimate_of(state: NavState, states: int = 18, covariance=None) -> StateEstimate:
+def estimate_of(state: NavState, states: int = ANTENNA.start, covariance=None) -> StateEstimate:
     """RTK fixed and its position, velocity and heading used just now, for long."""
     aids = AidStatus(Receivers(NOW_NS)).with_status(FixStatus.FIXED, 0, NOW_NS)
     aids = aids.with_status(FixStatus.FIXED, NOW_NS, NOW_NS)

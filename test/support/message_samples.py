@@ -110,6 +110,8 @@ STATUS = NavigationStatus(
     resets={"rtk_position": 2, "rtk_heading": 1},
     last_reset="position by 3.21 m",
     clipped={"accelerometer x": 12},
+    imu_delay_s=0.0045,
+    imu_delay_sigma_s=0.0015,
     warnings=("imu/data: accelerometer x clipped", "another"),
     began_again=Outcome.GAP,
 )

@@ -285,6 +285,8 @@ def test_a_diagnostic_has_all_of_the_filters_status():
         "reset.rtk_position": "2",
         "reset.rtk_heading": "1",
         "nis.imu": "1.5",
+        "imu_delay_ms": "4.5",
+        "imu_delay_sigma_ms": "1.5",
         "process_noise": "",
         "vibration": "0.25 nan",
         "clipped.accelerometer x": "12",

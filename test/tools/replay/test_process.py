@@ -104,6 +104,13 @@ def test_diagnostics_once_a_second_and_the_filters_state_beside_them(whole, cut)
     assert Counter(state.navigation.state.value for state in states) == summary["states_s"]
     verdicts = {f"{a} {b}": n for (a, b), n in states[-1].navigation.counts.items()}
     assert verdicts == summary["verdicts"]
+    assert {name: len(values) for name, values in summary["imu"].items()} == {
+        f"{what}_{unit}": 3
+        for kind, unit in (("gyro", "rad_s"), ("accel", "m_s2"))
+        for what in (f"{kind}_bias", f"{kind}_bias_sigma")
+    }
+    # The simulated IMU's biases are some 3e-4 rad/s.
+    assert np.abs(summary["imu"]["gyro_bias_rad_s"]).max() < 5e-3
 
 
 @pytest.mark.slow

@@ -48,6 +48,7 @@ from tirgeo_ros.core.types.measurements import (
     Source,
     VelocitySample,
 )
+from tirgeo_ros.tools.simulate.files import parameters_text
 from tirgeo_ros.tools.simulate.flight import fly
 from tirgeo_ros.tools.simulate.scenario import scenario_from
 from tirgeo_ros.tools.simulate.trajectory import Trajectory
@@ -70,6 +71,12 @@ def rows_at(flight, samples):
     """Return rows of the truth at the stamps of samples, which are stamps of the IMU."""
     row = {stamp: k for k, stamp in enumerate(flight.truth.stamp_ns)}
     return [row[sample.stamp_ns] for _, sample in samples]
+
+
+def readings_of(flight):
+    """Return rates and forces (2, N, 3) of the IMU."""
+    imu = [sample for _, sample in samples_of(flight, ImuSample)]
+    return np.array([[s.angular_rate_b for s in imu], [s.specific_force_b for s in imu]])
 
 
 def rms(errors):
@@ -145,6 +152,74 @@ def test_the_imu_has_table_5s_noise_about_its_bias(flight):
     np.testing.assert_allclose(
         rms(force - truth.accel_bias_b), 10 * np.array(noise.velocity_random_walk), rtol=4 * 0.007
     )
+
+
+def test_planted_biases_and_late_stamps_are_in_the_readings_and_not_in_params_yaml(flight):
+    planted = {
+        "imu.gyro_bias_rad_s": [0.01, -0.02, 0.03],
+        "imu.accel_bias_m_s2": [0.1, 0.2, -0.3],
+        "imu.stamp_delay_s": 0.05,
+    }
+    scenario = scenario_from(planted)
+    assert parameters_text(scenario) == parameters_text(flight.scenario)
+    late = fly(scenario)
+    np.testing.assert_array_equal(late.truth.q_nb, flight.truth.q_nb)
+    bias = [[0.01, 0.02, -0.03], [0.1, -0.2, 0.3]]  # forward, right, down
+    more = readings_of(late) - readings_of(flight)
+    true = np.stack([flight.truth.angular_rate_b, flight.truth.specific_force_b])
+    more[:, 5:] -= true[:, :-5] - true[:, 5:]
+    # 5 samples of 10 ms; the biases and the noise are the same by stamp.
+    np.testing.assert_allclose(more[0, 5:] - bias[0], 0, atol=1e-9)
+    np.testing.assert_allclose(more[1, 5:] - bias[1], 0, atol=1e-9)
+
+
+@pytest.fixture(scope="module", params=["ground", "hand"])
+def take_off(request):
+    standing = {
+        "route.standing_s": 12.0,
+        "route.standing_on": request.param,
+        "imu.gyro_vibration_rad_s": 0.05,
+        "imu.accel_vibration_m_s2": 2.0,
+        "duration_s": 40.0,
+    }
+    return fly(scenario_from(standing))
+
+
+def test_the_aircraft_stands_at_rest_or_is_in_a_hand_then_climbs_and_flies(take_off):
+    truth = take_off.truth
+    standing, flying = truth.t_s < 12.0, truth.t_s > take_off.trajectory.begin_s + 2.0
+    turns = truth.angular_rate_b[standing]
+    if take_off.scenario.route.standing_on == "ground":
+        # Nothing but the earth turns; rounding of the splines is some 1e-16.
+        np.testing.assert_allclose(np.linalg.norm(turns, axis=1), EARTH_RATE_RAD_S, atol=1e-12)
+        np.testing.assert_allclose(truth.velocity_n[standing], 0.0, atol=1e-12)
+        assert np.ptp(truth.q_nb[standing], axis=0).max() < 1e-12
+        # Jerk is bounded: a step of the force between two samples of 10 ms would show.
+        assert np.abs(np.diff(truth.specific_force_b, axis=0)).max() < 1.0
+    else:
+        # Turns of 3 deg and shifts of 2 cm at about 1 Hz; the smoothing takes some of them.
+        assert np.all((np.degrees(rms(turns)) > 4) & (np.degrees(rms(turns)) < 30))
+        shifts = truth.position_p[standing].std(axis=0)
+        assert np.all((shifts > 0.005) & (shifts < 0.03))
+    np.testing.assert_allclose(truth.position_p[standing, 2], -0.5, atol=0.1)
+    # 20 m high, with an error of 0.1 m, at 3 m/s.
+    np.testing.assert_allclose(truth.position_p[flying, 2], -20.0, atol=0.6)
+    assert np.linalg.norm(truth.velocity_n[flying], axis=1).max() == pytest.approx(3.0, abs=0.4)
+
+
+def test_vibration_begins_with_the_engine(take_off):
+    truth = take_off.truth
+    off = readings_of(take_off) - [truth.angular_rate_b, truth.specific_force_b]
+    off -= np.stack([truth.gyro_bias_b, truth.accel_bias_b])
+    before, after = truth.t_s < 7.0, truth.t_s >= 7.0
+    white = take_off.scenario.imu.noise
+    # 700 draws: one sigma of a standard deviation is 2.7 %.
+    np.testing.assert_allclose(
+        rms(off[0, before]), 10 * np.array(white.angle_random_walk), rtol=4 * 0.027
+    )
+    # Wandering lines are fewer independent numbers than the 3300 samples.
+    np.testing.assert_allclose(rms(off[0, after]), 0.05, rtol=0.1)
+    np.testing.assert_allclose(rms(off[1, after]), 2.0, rtol=0.1)
 
 
 def test_the_camera_wanders_by_table_8_and_the_encoders_see_it(flight):

@@ -45,6 +45,7 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
 )
 from tirgeo_ros.core.calibration.aircraft_run import FilterRun, FlightRuns, huber_weight, squared
 from tirgeo_ros.core.frames.rotations import euler_from_quat, matrix_from_quat
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.streams.sanity_checks import usable_attitude
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import CalibrationError
@@ -278,6 +279,26 @@ def _missing_motion(run: FilterRun) -> dict[str, str]:
     if rate_rad_s < _LEAST_TURN_RATE_RAD_S:
         reasons["heading_delay"] = f"it turned at {math.degrees(rate_rad_s):.1f} deg/s rms only"
     return reasons
+
+
+def final_biases(runs: FlightRuns, values: Array) -> Biases:
+    """Return the IMU's biases at the end of another flight of the aircraft, ``values`` (7,)."""
+    search = _Search(runs, values, lambda _done: None)
+    return search.settled(values, [], Floors(), 1).biases  # again, with weights for outliers
+
+
+def expected_biases(flights: Sequence[Biases]) -> tuple[Array, Array]:
+    """Return the mean (2, 3) of several flights' biases and the sigma (2,) of the next flight's.
+
+    Gyroscopes first. The three axes of a sensor have one spread. N flights tell it by
+    ``n = 3 (N - 1)`` degrees of freedom: the next bias has Student's distribution, with the
+    variance ``n / (n - 2)`` times that of a known spread, and the mean errs by an N-th of it.
+    """
+    found = np.array([biases.vector for biases in flights]).reshape(-1, 2, 3)
+    squares = np.sum((found - found.mean(axis=0)) ** 2, axis=(0, 2))
+    spread = squares / (3 * len(flights) - 5) * (1 + 1 / len(flights))
+    own = np.mean([biases.covariance.diagonal() for biases in flights], axis=0)
+    return found.mean(axis=0), np.sqrt(spread + own.reshape(2, 3).mean(axis=1))
 
 
 class MountingLevel(NamedTuple):

@@ -106,9 +106,11 @@ def configured(config: EkfConfig, values: Array, floors: Floors) -> EkfConfig:
     antenna_m = values[ANTENNA]
     second_m = antenna_m + flu_from_frd(baseline_b(config, float(values[AZIMUTH])))
     rtk, heading = config.rtk, config.heading
+    imu = replace(config.imu, delay_sigma_s=0.0)  # the fit has a delay for each measurement
     return replace(
         config,
         position_update="fused",
+        imu=imu,
         aircraft=AircraftConfig(
             rtk_antenna_m=tuple(antenna_m.tolist()),
             rtk_antenna_sigma_m=(0.0, 0.0, 0.0),

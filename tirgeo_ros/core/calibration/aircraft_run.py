@@ -52,6 +52,7 @@ from tirgeo_ros.core.navigation.aiding.aid import Aiding, AidMeasurement, Fused,
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import Baseline
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.alignment.aligner import Aligner, Alignment
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.ins.error_states import (
     ATTITUDE,
     POSITION,
@@ -115,6 +116,7 @@ class FilterRun:
     attitude_q_nb: Array  # (K, 4) wxyz at ``attitude_ns``
     velocity_n: Array  # (K, 3) m/s at ``attitude_ns``
     tilt_sigma_rad: float  # smallest sigma of the tilt in the flight, by the filter
+    biases: Biases  # at the end
 
     def nis(self) -> dict[Source, float]:
         """Return the mean normalised innovation squared by source; 1 is expected."""
@@ -195,6 +197,7 @@ class FlightRuns:
             attitude_q_nb=np.array([state.q_nb for state in states]).reshape(-1, 4),
             velocity_n=np.array([state.velocity_n for state in states]).reshape(-1, 3),
             tilt_sigma_rad=math.sqrt(min(estimate.covariance[0, 0] for _, estimate in estimates)),
+            biases=ekf.biases(),
         )
 
     def _readings(

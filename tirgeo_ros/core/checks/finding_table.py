@@ -153,6 +153,13 @@ FINDINGS: Mapping[str, Row] = {
     "imu_clipping": _caution(
         "imu/data reaches the end of its range: {counts} of {samples} samples", "imu/data",
         "damp the IMU's mount or choose a larger range; balance the rotors"),
+    #: At 34 deg/s a delay of 10 ms turns the pose by 0.3 deg.
+    "imu_late": Row(
+        AtLeast("size_s", {0.0: NOTE, 0.01: CAUTION}),
+        "compared with headings, velocities and positions of RTK, stamps of imu/data are "
+        "{size_ms:.1f} ms {way} than the parameters say (sigma {sigma_ms:.1f} ms)",
+        "ekf_node imu.delay_s",
+        "set it to {delay_s:.4f}; the filter has corrected this flight's poses for it"),
     "imu_tilt": _stop(
         "the IMU is tilted by {tilt_deg:.1f} deg in its mount, relative to the autopilot's "
         "attitude in imu/data", _RPY,
@@ -209,6 +216,12 @@ FINDINGS: Mapping[str, Row] = {
     "position_datum": _caution(
         _DATUM, "rtk/fix, gps/fix",
         "check the coordinates of the RTK base, and that both are in WGS84"),
+    "gps_contradiction": _stop(
+        "gps/fix was {sigmas:.1f} times its sigma (gps.position_sigma_m) off the filter's "
+        "position for 10 s or more, and no RTK says which is right",
+        "gps/fix, gps/vel, baro/pressure",
+        "compare the receiver's heights and velocities with the barometer's; if such errors are "
+        "usual for this receiver, set gps.position_sigma_m to them"),
     "position_elsewhere": _stop(
         "rtk/fix and gps/fix are {apart_km:.0f} km apart", "rtk/fix, gps/fix latitude, longitude",
         {

@@ -23,8 +23,12 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tirgeo_ros.core.config.aircraft_parameters import AircraftConfig, TransformsConfig
 from tirgeo_ros.core.config.schema import group, param
+from tirgeo_ros.core.frames.rotations import flu_from_frd
+from tirgeo_ros.core.types.arrays import Array
 
 METHODS = ("raw", "rtk", "ekf", "ekf_heading")
 _DELAY, _PATIENCE = ("s", -2, 2), ("s", 0.1, 3600)
@@ -116,6 +120,11 @@ class GpsConfig:
         0.05, "sigma of the position's white noise, independent in each fix", ("m", 1e-3, 100)
     )
     velocity_sigma_floor_m_s: float = _floor(0.1, "a velocity, per axis", ("m/s", 1e-3, 100))
+    velocity_error_m_s: float = param(
+        0.3,
+        "sigma of the velocity's slow error, per axis; reported variance beyond it is slow too",
+        ("m/s", 1e-4, 100),
+    )
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     gate_sigma: float = _gate(5.0, "measurements")
 
@@ -126,7 +135,7 @@ class BarometerConfig:
 
     delay_s: float = param(0.0, "delay of the stamps, as rtk.delay_s", _DELAY)
     noise_m: float = param(
-        0.2,
+        1.0,
         "smallest standard deviation accepted for the white noise of one reading, as a height",
         ("m", 1e-3, 100),
     )
@@ -146,9 +155,14 @@ class BarometerConfig:
     gate_sigma: float = _gate(5.0, "heights")
     reset_after_s: float = param(
         2.0,
-        "take a new reference if heights were rejected for this long and agree with each other",
+        "take a new offset if heights were rejected for this long and agree with each other",
         _PATIENCE,
     )
+
+    @property
+    def density(self) -> float:
+        """Return the density of the offset's random walk, m/sqrt(s): drift and slow error."""
+        return math.sqrt(self.drift**2 + 2 * self.sigma_m**2 / self.time_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,8 +197,14 @@ class ImuNoiseConfig:
 
 @dataclass(frozen=True, slots=True)
 class ImuConfig(ImuNoiseConfig):
-    """The IMU: its noise on each axis, what vibration adds to it, and its delay."""
+    """The IMU: its biases, its noise on each axis, what vibration adds to it, and its delay."""
 
+    gyro_bias: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "expected bias at start, forward, left, up", ("rad/s", -1, 1)
+    )
+    accel_bias: tuple[float, ...] = param(
+        (0.0, 0.0, 0.0), "expected bias at start, forward, left, up", ("m/s2", -10, 10)
+    )
     gyro_vibration_share: float = param(
         0.3,
         "share of the vibration measured in flight that counts as white noise of the gyroscope; "
@@ -192,7 +212,7 @@ class ImuConfig(ImuNoiseConfig):
         ("", 0, 10),
     )
     accel_vibration_share: float = param(
-        0.7,
+        0.9,
         "the same share for the accelerometer",
         ("", 0, 10),
     )
@@ -202,6 +222,25 @@ class ImuConfig(ImuNoiseConfig):
         "an IMU that averages over it. Poses carry the corrected time",
         ("s", -0.5, 0.5),
     )
+    delay_sigma_s: float = param(
+        0.005,
+        "sigma of the part of that delay that is not known; the filter estimates it in turns, and "
+        "corrects poses for it. 0 = delay_s is exact",
+        ("s", 0, 0.05),
+        live=False,
+    )
+
+    @property
+    def bias_b(self) -> Array:
+        """Return the expected biases (6,), FRD: gyroscope rad/s, accelerometer m/s2."""
+        return flu_from_frd(np.array([self.gyro_bias, self.accel_bias])).ravel()
+
+    @property
+    def bias_variances(self) -> Array:
+        """Return the variances (6,) of the biases at start: turn-on, and variation in the run."""
+        turn_on = np.repeat([self.gyro_turn_on_bias, self.accel_turn_on_bias], 3)
+        in_run = (*self.gyro_bias_instability, *self.accel_bias_instability)
+        return np.asarray(np.square(turn_on) + np.square(in_run))
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,6 +66,7 @@ class Source(Enum):
     BAROMETER = "barometer", "baro/pressure"
     AUTOPILOT_HEADING = "autopilot_heading", "imu/data"
     SET_HEADING = "set_heading", "ekf_node/set_heading"
+    REST = "rest", "imu/data"
 
     topic: str
 
@@ -184,6 +185,16 @@ class SetHeading:
         """Return why the heading cannot be used, or an empty string."""
         finite = math.isfinite(self.heading_rad) and math.isfinite(self.variance_rad2)
         return "" if finite else "heading or its variance is not finite"
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Hold the mean rate of the gyroscopes while the aircraft stands still, at its end."""
+
+    source: ClassVar[Source] = Source.REST
+    stamp_ns: int
+    angular_rate_b: Array  # (3,) FRD, rad/s
+    variance_b: Array  # (3,) (rad/s)^2
 
 
 NavigationInput = (

@@ -16,6 +16,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import NamedTuple
@@ -113,6 +114,14 @@ class NavigationStatus:
     #: Noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s).
     vibration: tuple[float, ...] = ()
     began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again
+    #: Estimated delay of the IMU's stamps, and its sigma, enlarged if the NIS is; nan if exact.
+    imu_delay_s: float = math.nan
+    imu_delay_sigma_s: float = math.nan
+    gps_sigmas: float = 0.0  # largest slow difference of gps/fix from the state, over its sigma
+
+    def shows_delay(self, configured_s: float) -> bool:
+        """Return whether the flight shows another delay than the configured one, at 3 sigma."""
+        return abs(self.imu_delay_s - configured_s) > 3 * self.imu_delay_sigma_s
 
     @property
     def for_operator(self) -> str:

@@ -337,6 +337,9 @@ def _navigation(row: dict[str, Any]) -> NavigationStatus:
         process_noise=cut(str(row["process_noise"])),
         vibration=tuple(_number(density) for density in row["vibration"]),
         began_again=Outcome(again) if again else None,
+        gps_sigmas=float(row.get("gps_sigmas", 0.0)),
+        imu_delay_s=_number(row.get("imu_delay_s")),  # older recordings lack it
+        imu_delay_sigma_s=_number(row.get("imu_delay_sigma_s")),
     )
 
 

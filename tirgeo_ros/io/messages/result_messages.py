@@ -94,6 +94,8 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
     values |= {f"test_ratio.{a}": repr(float(r)) for a, r in sorted(status.test_ratios.items())}
     values |= {f"reset.{a}": str(n) for a, n in sorted(status.resets.items())}
     values |= {f"nis.{a}": repr(float(n)) for a, n in sorted(status.nis.items())}
+    values["imu_delay_ms"] = repr(1e3 * status.imu_delay_s)
+    values["imu_delay_sigma_ms"] = repr(1e3 * status.imu_delay_sigma_s)
     values["process_noise"] = status.process_noise
     values["vibration"] = " ".join(f"{density:.3g}" for density in status.vibration)
     values |= {f"clipped.{name}": str(n) for name, n in sorted(status.clipped.items())}

@@ -313,7 +313,7 @@ BY_TOPIC: dict[str, _Row] = {
 NAVIGATION_INPUTS: Mapping[Source, tuple[str, Callable[[Any], NavigationInput]]] = {
     source: (source.topic, BY_TOPIC[source.topic].decode)
     for source in Source
-    if source is not Source.AUTOPILOT_HEADING  # a part of the IMU's message
+    if source not in {Source.AUTOPILOT_HEADING, Source.REST}  # parts of the IMU's messages
 }
 
 #: The topics of all sensors, and of those that dji_node publishes.

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,13 +30,15 @@ from tirgeo_ros.core.calibration.aircraft_fit import (
     LEVEL_LIMIT_RAD,
     PARTS,
     AircraftFit,
-    MountingLevel,
+    expected_biases,
+    final_biases,
     fit,
     mounting_level,
 )
 from tirgeo_ros.core.calibration.aircraft_parameters import (
     ANTENNA,
     AZIMUTH,
+    DELAYS,
     PARAMETERS,
     TABLE,
     baseline_b,
@@ -45,6 +47,7 @@ from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longe
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, flu_from_frd, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
+from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
@@ -71,13 +74,18 @@ HOLDS = {
     "antenna": PARAMETERS[ANTENNA],
     "baseline": ("baseline_azimuth",),
     **{name: (name,) for name in ("position_delay", "velocity_delay", "heading_delay")},
-    "level": LEVEL,
     # The delay of RTK positions is held, and the IMU's delay is estimated instead.
     "rtk": ("rtk",),
 }
 #: Node and name of the parameter of each value; with ``hold`` rtk, position_delay is imu.delay_s.
 KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
     LEVEL, "aircraft.imu_rpy_deg"
+)
+#: Delays that differ by less than so many sigmas are alike; and the longest delay of an IMU.
+_SIGMAS, _LONGEST_IMU_S = 3.0, 0.015
+_TURNED = (
+    "aircraft.imu_rpy_deg turns base_link, in which the boresight is measured: calibrate the "
+    "boresight again with this file"
 )
 _LENGTH_M = 1.0  # length that is written for a baseline whose length is not configured
 _USUAL_RUNS = 18  # runs of the filter that a fit usually needs, for the progress bar
@@ -88,29 +96,36 @@ def calibrate_aircraft(
     output: PathLike | None = None,
     *,
     params: Files = None,
+    more: Sequence[PathLike] = (),
     hold: Collection[str] = (),
+    level: bool = False,
     namespace: str = "",
     progress: Report = silent,
 ) -> dict[str, object]:
     """Estimate the aircraft's parameters from a flight and write them; return a summary.
 
-    ``hold`` lists keys of HOLDS; their parameters keep their values. Raise CalibrationError if no
-    parameter is determined, BagError, ConfigError.
+    With ``more`` flights of the aircraft, all flights' biases are what the next one begins with.
+    ``hold`` lists keys of HOLDS; their parameters keep their values. ``level`` finds the IMU's
+    level against the autopilot's, too. Raise CalibrationError if no parameter is determined,
+    BagError, ConfigError.
     """
     configs = node_configs(params, namespace)
     config = configs.ekf
-    check_outputs((bag, *paths_of(params), *configs.files), (output,), CalibrationError)
+    check_outputs((bag, *more, *paths_of(params), *configs.files), (output,), CalibrationError)
     held = [name for key in hold for name in HOLDS[key]]
     reader = BagReader(bag)
     recorded, seconds, notes = _read(reader, namespace, config.max_imu_gap_s)
     runs = FlightRuns(recorded, config)
     try:
         fitted = fit(runs, held, lambda done: progress(done, max(_USUAL_RUNS, done + 1)))
-        _check_determined(fitted)
+        if not more:
+            _check_determined(fitted)
     except CalibrationError as error:
         raise CalibrationError(f"{reader.path}: {error}") from None
-    level = mounting_level(fitted.after, runs.recorded.imu, PARTS)
-    result = _result(config, fitted, level, held, notes)
+    result = _result(config, fitted, held, notes, runs.recorded.imu if level else ())
+    if more:
+        others = [_biases(path, config, namespace, fitted.values) for path in more]
+        _add_biases(result, config, [fitted.after.biases, *others])
     numbers = {
         "seconds": seconds,
         "imu_samples": len(recorded.imu),
@@ -120,6 +135,30 @@ def calibrate_aircraft(
     lines = aircraft_lines(result.numbers)
     files = [(output, lambda: result.yaml("aircraft", bag, lines))]
     return {"input": os.fspath(bag)} | written(files, result.numbers | numbers, reader)
+
+
+def _biases(path: PathLike, config: EkfConfig, namespace: str, values: Array) -> Biases:
+    """Return the biases at the end of another flight. Raise BagError, CalibrationError."""
+    recorded, _, _ = _read(BagReader(path), namespace, config.max_imu_gap_s)
+    try:
+        return final_biases(FlightRuns(recorded, config), values)
+    except CalibrationError as error:
+        raise CalibrationError(f"{os.fspath(path)}: {error}") from None
+
+
+def _add_biases(result: Result, config: EkfConfig, flights: Sequence[Biases]) -> None:
+    """Add what to expect of the IMU's biases by several flights."""
+    means, sigmas = expected_biases(flights)
+    result.notes.append(f"the IMU's biases are the mean of {len(flights)} flights")
+    before = flu_from_frd(config.imu.bias_b.reshape(2, 3))
+    written = result.nodes.setdefault("ekf_node", {})
+    for k, (name, unit) in enumerate((("gyro", "deg/s"), ("accel", "m/s2"))):
+        mean, sigma = flu_from_frd(means[k]), float(sigmas[k])
+        for axis, old, new in zip(("forward", "left", "up"), before[k], mean, strict=True):
+            row = estimate(f"imu.{name}_bias", unit, old, new, sigma)
+            result.numbers["parameters"][f"{name}_bias_{axis}"] = row
+        written[f"imu.{name}_bias"] = [round(value, 6) + 0.0 for value in mean.tolist()]
+        written[f"imu.{name}_turn_on_bias"] = round(sigma, 6)
 
 
 class _Samples:
@@ -191,11 +230,11 @@ def _check_determined(fitted: AircraftFit) -> None:
 def _result(
     config: EkfConfig,
     fitted: AircraftFit,
-    level: MountingLevel | None,
     held: Collection[str],
     notes: list[str],
+    imu: Sequence[ImuSample],
 ) -> Result:
-    """Return the result of a fit; ``level`` is None if the bag has no attitude."""
+    """Return the result of a fit; the autopilot's attitudes in ``imu``, if any, level the IMU."""
     rows = zip(TABLE.items(), fitted.first, fitted.values, fitted.sigma, strict=True)
     estimates = {
         name: estimate(row.key, row.unit, *numbers)
@@ -204,11 +243,14 @@ def _result(
     }
     reasons = dict(fitted.undetermined)
     turn = np.zeros(3)
-    if not set(LEVEL) <= set(held):
-        turn[:2] = _add_level(level, estimates, reasons)
+    if imu:
+        turn[:2] = _add_level(config, fitted, imu, estimates, reasons)
+    delays = _shared_delay(config, fitted) or _delays(
+        config, fitted, set(estimates), rtk_held="rtk" in held
+    )
     parts = {
         "": _places(config, fitted.values, set(estimates), turn),
-        "ekf_node": _delays(config, fitted, set(estimates), rtk_held="rtk" in held),
+        "ekf_node": delays,
     }
     nodes = {node: values for node, values in parts.items() if values}
     nis = {
@@ -216,17 +258,24 @@ def _result(
         for source, value in fitted.before.nis().items()
     }
     numbers = {"parameters": estimates, "not_told": reasons, "nis": nis}
-    return Result(numbers, nodes, notes + _notes(config.aircraft, fitted))
+    more = [_TURNED] if turn.any() else []
+    return Result(numbers, nodes, notes + _notes(config.aircraft, fitted) + more)
 
 
 def _add_level(
-    level: MountingLevel | None, estimates: dict[str, dict[str, Any]], reasons: dict[str, str]
+    config: EkfConfig,
+    fitted: AircraftFit,
+    imu: Sequence[ImuSample],
+    estimates: dict[str, dict[str, Any]],
+    reasons: dict[str, str],
 ) -> Array:
     """Add the level to ``estimates`` or ``reasons``; return the IMU's turn about x, y, FRD, rad.
 
-    The turn is zero about an axis for which the flight does not determine it.
+    The turn is zero about an axis for which the flight does not determine it. The sigma of the
+    autopilot's own level is the configured one: its error is constant, so no flight shows it.
     """
     turn = np.zeros(2)
+    level = mounting_level(fitted.after, imu, PARTS)
     if level is None:
         reasons |= dict.fromkeys(LEVEL, "no orientation in imu/data to compare with")
         return turn
@@ -236,6 +285,7 @@ def _add_level(
             reasons[name] = f"sigma is {math.degrees(sigma):.2g} deg; fly {LEVEL_ADVICE}"
             continue
         turn[k] = level.angles_rad[k]
+        sigma = math.hypot(sigma, math.radians(config.autopilot.attitude_sigma_deg[k]))
         estimates[name] = estimate(KEYS[name], "deg", 0.0, sign * turn[k], sigma)
     return turn
 
@@ -263,6 +313,24 @@ def _places(
         angles = flu_from_frd(euler_from_matrix(whole))
         placed["aircraft.imu_rpy_deg"] = _rounded(np.degrees(angles))
     return placed
+
+
+def _shared_delay(config: EkfConfig, fitted: AircraftFit) -> dict[str, Value]:
+    """Return the IMU's delay if all delays of RTK are off by the same; empty if they are not.
+
+    Then the IMU's stamps are off by as much, the other way. More than IMUs have is not theirs.
+    """
+    chosen = [k for k in DELAYS.values() if PARAMETERS[k] in fitted.determined]
+    if len(chosen) < 2:
+        return {}
+    off_s, weights = (fitted.values - fitted.first)[chosen], fitted.sigma[chosen] ** -2
+    mean_s, sigma_s = np.average(off_s, weights=weights), weights.sum() ** -0.5
+    if (np.abs(off_s - mean_s) > _SIGMAS * fitted.sigma[chosen]).any():
+        return {}
+    if not _SIGMAS * sigma_s < abs(mean_s) < _LONGEST_IMU_S:
+        return {}
+    delay_s = config.imu.delay_s - float(mean_s)
+    return {"imu.delay_s": round(delay_s, 4), "imu.delay_sigma_s": round(float(sigma_s), 4)}
 
 
 def _delays(

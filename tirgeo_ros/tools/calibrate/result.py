@@ -32,7 +32,8 @@ from tirgeo_ros.io.parameters.parameter_file import Value, parameters_yaml
 
 #: Unit -> how many units make one rad, s or m.
 PER_UNIT = {"deg": math.degrees(1.0), "ms": 1e3, "m": 1.0, "px": 1.0, "1": 1.0}
-_DIGITS = {"deg": 3, "ms": 1, "m": 3, "px": 1, "1": 3}
+PER_UNIT |= {"deg/s": math.degrees(1.0), "m/s2": 1.0}
+_DIGITS = {"deg": 3, "ms": 1, "m": 3, "px": 1, "1": 3, "deg/s": 3, "m/s2": 3}
 _COLUMNS = ("before", "found", "sigma")
 
 Estimates = Mapping[str, Mapping[str, Any]]

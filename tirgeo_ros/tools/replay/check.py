@@ -23,7 +23,9 @@ from collections import Counter
 import numpy as np
 
 from tirgeo_ros.core.checks.finding_table import finding
+from tirgeo_ros.core.navigation.estimator.filter_status import MOST_GPS_SIGMAS
 from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
+from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -37,7 +39,7 @@ from tirgeo_ros.tools.replay.flight import Flight, FlightPoses
 from tirgeo_ros.tools.replay.flight_checks import FlightChecks, try_load
 from tirgeo_ros.tools.replay.node_configs import configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_overlaps import PictureOverlaps
-from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample
+from tirgeo_ros.tools.replay.registration import SAMPLES, Registered, Sample, biases_of
 
 #: Pictures of other headings disagree if the median of so many pairs is so many standard
 #: deviations. Flights without an error reached 2.4.
@@ -87,8 +89,12 @@ def check(
     turned = disagreement.get("other_headings", {"pairs": 0})
     if turned["pairs"] >= _LEAST_PAIRS and turned["sigmas"] > _MOST_SIGMAS:
         findings.append(finding("pictures_disagree", **turned))
+    status = poses.registration.navigation.status()
+    if status.shows_delay(configs.ekf.imu.delay_s):
+        findings.append(_late(status, configs.ekf.imu.delay_s))
+    if status.gps_sigmas > MOST_GPS_SIGMAS:
+        findings.append(finding("gps_contradiction", sigmas=status.gps_sigmas))
     if not counts["solutions"] and stop_line(findings) is None:
-        status = poses.registration.navigation.status()
         state = f"{status.state.value}{': ' if status.reason else ''}{status.reason}"
         findings.append(finding("no_pose", state=state, method=status.method))
     findings = sorted_findings(findings)
@@ -100,6 +106,14 @@ def check(
         "notes": opened.notes,
         "error": stop_line(findings),
     }
+
+
+def _late(status: NavigationStatus, configured_s: float) -> Finding:
+    """Return the finding that the IMU's stamps have another delay than the configured one."""
+    delay_s = status.imu_delay_s
+    off_s, sigma_ms = delay_s - configured_s, 1e3 * status.imu_delay_sigma_s
+    size = {"size_s": abs(off_s), "size_ms": 1e3 * abs(off_s), "sigma_ms": sigma_ms}
+    return finding("imu_late", **size, way="later" if off_s > 0 else "earlier", delay_s=delay_s)
 
 
 def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dict[str, object]:
@@ -121,7 +135,10 @@ def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dic
         "topics": topics,
         "method": status.method,
         "state": status.state.value,
+        "imu": biases_of(registration.navigation),
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+        "imu_delay_s": status.imu_delay_s,
+        "imu_delay_sigma_s": status.imu_delay_sigma_s,
         "composition": registration.composer.composition,
         "picture_size": checks.picture_size,
     }

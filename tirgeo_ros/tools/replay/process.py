@@ -52,7 +52,7 @@ from tirgeo_ros.tools.replay.flight_ties import flight_adjustment
 from tirgeo_ros.tools.replay.node_configs import OpenedFlight, configured_layers, open_flight
 from tirgeo_ros.tools.replay.picture_stage import PictureStage, available_cores
 from tirgeo_ros.tools.replay.process_outputs import ProcessOutputs, ProcessSetup
-from tirgeo_ros.tools.replay.registration import done_without, has_rates, inputs_of
+from tirgeo_ros.tools.replay.registration import biases_of, done_without, has_rates, inputs_of
 from tirgeo_ros.tools.replay.still_outputs import STILL_QUALITY, StillOutputs
 
 #: A larger share of refused measurements of one kind is a problem: gates are at 4 and 5 sigma.
@@ -229,7 +229,10 @@ def _summary(setup: ProcessSetup, flight: Flight, outputs: ProcessOutputs) -> di
         "reason": status.reason,
         "states_s": dict(outputs.states_s),
         "verdicts": {f"{a} {b}": number for (a, b), number in status.counts.items()},
+        "imu": biases_of(outputs.registration.navigation),
         "heading_sigma_deg": math.degrees(status.heading_sigma_rad),
+        "imu_delay_s": status.imu_delay_s,
+        "imu_delay_sigma_s": status.imu_delay_sigma_s,
         "north_sigma_deg": None if composer.composition == "encoders" else north_deg,
         "gimbal": composer.counts,
         "overlay": {} if overlay is None else overlay.counts,

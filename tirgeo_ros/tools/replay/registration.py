@@ -26,8 +26,11 @@ from contextlib import suppress
 from itertools import islice
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tirgeo_ros.core.adjustment.adjustment import Adjustment
 from tirgeo_ros.core.config import EkfConfig, GimbalConfig
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.gimbal.composer import GimbalComposer
 from tirgeo_ros.core.navigation.aiding.fusion import METHOD_SOURCES
@@ -116,6 +119,21 @@ class Registration:
         if self._adjustment is None:
             return cameras
         return [self._adjustment.corrected(camera) for camera in cameras]
+
+
+def biases_of(navigation: Navigation) -> dict[str, list[float]]:
+    """Return the IMU's biases and their sigmas (3,), forward, left, up; {} without a filter."""
+    biases = navigation.biases
+    if biases is None:
+        return {}
+    gyro, accel = flu_from_frd(biases.vector.reshape(2, 3)).tolist()
+    gyro_sigma, accel_sigma = np.sqrt(biases.covariance.diagonal()).reshape(2, 3).tolist()
+    return {
+        "gyro_bias_rad_s": gyro,
+        "gyro_bias_sigma_rad_s": gyro_sigma,
+        "accel_bias_m_s2": accel,
+        "accel_bias_sigma_m_s2": accel_sigma,
+    }
 
 
 def navigated(navigation: Navigation, sample: Sample) -> NavSolution | None:

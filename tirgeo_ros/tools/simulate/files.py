@@ -17,6 +17,7 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -174,7 +175,8 @@ def simulate(
     points, clicks = surveyed(flight, camera, park)
     clicks = [click for click in clicks if click.stamp_ns in window]
     targets = targets_of(scenario, flight.seed)
-    lowest_m = -float(flight.truth.position_p[:, 2].max())
+    route_p = flight.truth.position_p[flight.truth.t_s >= flight.trajectory.begin_s]
+    lowest_m = -float(route_p[:, 2].max(initial=-math.inf))
     if relief.highest_m > lowest_m - _CLEAR_M:
         raise ScenarioError(
             f"park: the ground rises to {relief.highest_m:.1f} m, and the flight is as low as "

@@ -43,6 +43,7 @@ from tirgeo_ros.core.types.measurements import JOINT_ORDERS, USUAL_ORDER
 from tirgeo_ros.io.parameters.parameter_file import load_yaml
 
 SHAPES = ("lawnmower", "hover", "figure_eight")
+STANDS = ("ground", "hand")
 _m: Any = partial(param, within=("m", 0, 1e3))
 _m_s: Any = partial(param, within=("m/s", 0, 1e3))
 _arm: Any = partial(param, within=("m", -100, 100))  # forward, left, up
@@ -64,6 +65,12 @@ class RouteScenario:
     leg_length_m: float = param(42.0, "length of a leg", ("m", 1, 5000))
     leg_spacing_m: float = param(15.0, "distance between legs", ("m", 1, 1000))
     hold_error_m: float = param(0.1, "error off the route, per axis, rms", ("m", 0, 10))
+    #: Then the aircraft climbs to its height, and the route begins; 0 = it begins in the air.
+    standing_s: float = param(0.0, "time at rest before take-off", ("s", 0, 3600))
+    standing_on: str = param("ground", "ground, or hand: held by a person", choices=STANDS)
+    hand_turn_deg: float = param(3.0, "turns of a hand, per axis, rms", ("deg", 0, 30))
+    hand_shift_m: float = param(0.02, "shifts of a hand, per axis, rms", ("m", 0, 1))
+    engine_before_s: float = param(5.0, "engine on before take-off", ("s", 0, 3600))
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +89,13 @@ class ImuScenario:
     rate_hz: float = param(100.0, "samples per second", ("Hz", 50, 400))
     gyro_turn_on_bias_rad_s: float = param(3e-4, "sigma of the bias", ("rad/s", 0, 1))
     accel_turn_on_bias_m_s2: float = param(1e-2, "sigma of the bias", ("m/s2", 0, 10))
+    #: Planted errors, not in params.yaml: a part of the biases, and stamps late by a time.
+    gyro_bias_rad_s: tuple[float, ...] = param((0.0,) * 3, "forward, left, up", ("rad/s", -1, 1))
+    accel_bias_m_s2: tuple[float, ...] = param((0.0,) * 3, "forward, left, up", ("m/s2", -10, 10))
+    #: Vibration while the engine runs: lines of the rotors and white noise.
+    gyro_vibration_rad_s: float = param(0.0, "rms, per axis", ("rad/s", 0, 10))
+    accel_vibration_m_s2: float = param(0.0, "rms, per axis", ("m/s2", 0, 100))
+    stamp_delay_s: float = param(0.0, "stamp minus time of the reading", ("s", -0.2, 0.2))
     noise_scale: float = param(1.0, "factor on all random errors; 0 = perfect IMU", ("", 0, 100))
     noise: ImuNoiseConfig = group(ImuNoiseConfig)
 

@@ -35,6 +35,7 @@ from tirgeo_ros.core.frames.rotations import (
     Q_BODY_OPTICAL,
     azimuths,
     euler_from_matrix,
+    flu_from_frd,
     matrix_from_euler,
     quat_from_euler,
     quat_from_matrix,
@@ -67,6 +68,11 @@ _HEADING_TIME_S, _TILT_TIME_S = 30.0, 10.0
 _WASH_M, _WASH_TIME_S = 0.5, 20.0
 #: Correlation time of the camera's roll and pitch errors.
 ERROR_TIME_S = 2.5
+#: Speeds of the rotors, and how far they wander, as a share (rms).
+_ROTORS_HZ, _ROTOR_WANDER = np.array([51.0, 54.0, 57.0, 59.0]), 0.01
+#: White share of the power of a vibration: gyroscopes, accelerometers. Of a P4 RTK they are the
+#: squares of 0.3 and 0.7, as the filter's parameters have them.
+_WHITE_SHARES = np.array([0.1, 0.5]).reshape(2, 1, 1)
 _KNOT_S = 0.05  # of the spline of the camera's heading
 _TILTING_S = 1.0  # duration of a change of the commanded pitch
 
@@ -111,10 +117,12 @@ def imu_samples(
 ) -> list[Arrival]:
     """Return ``imu/data``: force and rate with noise and bias, and the autopilot's attitude."""
     epochs = Epochs.at_rate(scenario, scenario.imu.rate_hz)
-    motion = trajectory.motion(epochs.t_s)
+    motion = trajectory.motion(epochs.t_s - scenario.imu.stamp_delay_s)
     force, rate = trajectory.inertial(motion)
     white = imu_white(scenario.imu, seed, len(epochs.stamp_ns))
-    rate, force = rate + bias.gyro_b + white[0], force + bias.accel_b + white[1]
+    shaken = vibration(scenario, seed, epochs.t_s)
+    rate = rate + bias.gyro_b + white[0] + shaken[0]
+    force = force + bias.accel_b + white[1] + shaken[1]
     q_nb = quat_from_euler(*pilot.euler_rad(motion, trajectory.rotation_nb(motion)).T)
     rows = zip(epochs.stamp_ns, force, rate, q_nb, strict=True)
     return [(row[0], ImuSample(*row)) for row in rows]
@@ -241,7 +249,10 @@ class ImuBias:
 
 
 def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
-    """Return a constant turn-on bias plus a Gauss-Markov part by Table 5 (sigma and time)."""
+    """Return a constant bias plus a Gauss-Markov part by Table 5 (sigma and time).
+
+    The constant is the sum of the planted bias and a random one.
+    """
     noise, step_s = scenario.noise, 1 / scenario.rate_hz
     rng = generator(seed, "imu bias")
     turn_on = rng.standard_normal((2, 3))
@@ -249,7 +260,28 @@ def imu_bias(scenario: ImuScenario, seed: int, count: int) -> ImuBias:
     accel = gauss_markov(rng, count, step_s, noise.accel_bias_time_s, noise.accel_bias_instability)
     gyro += scenario.gyro_turn_on_bias_rad_s * turn_on[0]
     accel += scenario.accel_turn_on_bias_m_s2 * turn_on[1]
-    return ImuBias(scenario.noise_scale * gyro, scenario.noise_scale * accel)
+    planted = flu_from_frd(np.array([scenario.gyro_bias_rad_s, scenario.accel_bias_m_s2]))
+    scale = scenario.noise_scale
+    return ImuBias(scale * gyro + planted[0], scale * accel + planted[1])
+
+
+def vibration(scenario: Scenario, seed: int, t_s: Array) -> Array:
+    """Return what the running engine adds to rate (rad/s) and force (m/s2), (2, N, 3), FRD.
+
+    Each rotor has a line, at a frequency that wanders; the IMU's sampling folds it.
+    """
+    imu, way = scenario.imu, scenario.route
+    rms = np.array([imu.gyro_vibration_rad_s, imu.accel_vibration_m_s2]).reshape(2, 1, 1)
+    if not rms.any():
+        return np.zeros((2, 1, 3))
+    rng, count, rotors = generator(seed, "vibration"), len(t_s), len(_ROTORS_HZ)
+    wander = gauss_markov(rng, count, 1 / imu.rate_hz, [2.0] * rotors, [_ROTOR_WANDER] * rotors)
+    turns = np.cumsum(_ROTORS_HZ * (1 + wander), axis=0) / imu.rate_hz
+    phases = 2 * np.pi * (turns[:, :, None, None] + rng.random((rotors, 2, 3)))
+    lines = math.sqrt(2 / rotors) * np.einsum("nrcx->cnx", np.sin(phases))
+    white = np.sqrt(_WHITE_SHARES) * rng.standard_normal((2, count, 3))
+    running = t_s >= way.standing_s - way.engine_before_s
+    return np.asarray(rms * running[:, None] * (np.sqrt(1 - _WHITE_SHARES) * lines + white))
 
 
 def imu_white(scenario: ImuScenario, seed: int, count: int) -> tuple[Array, Array]:

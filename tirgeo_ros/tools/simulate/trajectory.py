@@ -15,7 +15,8 @@
 """Simulate the true motion of the aircraft on its route, and a perfect IMU on the rotating earth.
 
 Position and heading are splines with six continuous derivatives; roll and pitch follow from the
-thrust that acceleration and drag need. ``p`` denotes north, east, down of the tangent plane at the
+thrust that acceleration and drag need. Before take-off the aircraft may stand on the ground, at
+rest without wind, or be in a hand. ``p`` denotes north, east, down of the tangent plane at the
 site. It is fixed to the earth, so earth rate, Coriolis force and gravity are exact.
 """
 
@@ -41,6 +42,12 @@ Piece = tuple[float, float]  # length in m, turn over it in rad (clockwise posit
 _STEP_M = 0.02  # of a point on the route
 _KNOT_S = 0.4
 _HOLD_TIME_S, _GUST_TIME_S = 4.0, 2.0  # correlation times
+#: A hand turns and shifts at up to 3 Hz: a spline of this time smooths what is faster.
+_HAND_TIME_S = 0.4
+_STANDING_M = 0.5  # height of the IMU on the ground
+_GROUND_TILT_RAD = math.radians(1.0)  # sigma, per axis
+_SETTLES_S = 4 * _KNOT_S  # a spline of degree 7 moves as long before its control points do
+_WIND_RISES_S = 2.0  # from the ground to the full wind
 # Only for the tilt of the aircraft; the IMU measures the ellipsoid's gravity.
 _GRAVITY_P = np.array([0.0, 0.0, 9.8])
 
@@ -139,6 +146,27 @@ class Motion:
         )
 
 
+def _aloft(times_s: Array, start_s: float) -> Array:
+    """Return the shares (N, 1) of the wind and of the errors off the route that have begun."""
+    return np.clip((times_s - start_s) / _WIND_RISES_S, 0.0, 1.0)[:, None]
+
+
+def _standing(scenario: RouteScenario, seed: int, start_s: float) -> Spline:
+    """Return shifts (3), m, heading, rad, and the force (2), m/s2, that the aircraft leans to.
+
+    It stands on ground that is level to a degree, or is in a hand as well; 0 after ``start_s``.
+    """
+    if not scenario.standing_s:
+        return Spline(np.zeros((2, 6)), _KNOT_S)
+    rng, turn = generator(seed, "standing"), math.radians(scenario.hand_turn_deg)
+    std = np.array([*[scenario.hand_shift_m] * 3, turn, 9.8 * turn, 9.8 * turn])
+    slope = np.array([0.0] * 4 + [9.8 * _GROUND_TILT_RAD] * 2) * rng.standard_normal(6)
+    std *= scenario.standing_on == "hand"
+    motion = smooth_noise(rng, start_s, _HAND_TIME_S, std)
+    points = np.concatenate([motion.points + slope, np.zeros((1, 6))])
+    return Spline(points, motion.spacing_s)
+
+
 class Trajectory:
     """Compute the motion of a flight as a function of time."""
 
@@ -147,27 +175,39 @@ class Trajectory:
         self.plane: TangentPlane = scenario.site.plane
         self._drag_1_s = scenario.wind.drag_1_s
         self._mean_wind_p = np.array([*scenario.wind.mean_m_s, 0.0])
+        way = scenario.route
         times_s = np.arange(0.0, scenario.duration_s + 2 * _KNOT_S, _KNOT_S)
-        level, heading = route(scenario.route, times_s)
-        down = np.full(len(times_s), -scenario.route.height_above_ground_m)
-        hold_m = np.full(3, scenario.route.hold_error_m)
+        start_s = way.standing_s + _SETTLES_S if way.standing_s else -math.inf
+        top_m = way.height_above_ground_m
+        self.begin_s = max(0.0, start_s + top_m / way.speed_m_s)  # of the route
+        height = np.interp(times_s, [start_s, self.begin_s], [_STANDING_M, top_m])
+        level, heading = route(way, np.maximum(times_s - self.begin_s, 0.0))
+        hold_m = np.full(3, way.hold_error_m)
         rng = generator(seed, "hold")
         slips = gauss_markov(rng, len(times_s), _KNOT_S, np.full(3, _HOLD_TIME_S), hold_m)
-        self._position = Spline(np.column_stack([level, down]) + slips, _KNOT_S)
+        slips *= _aloft(times_s, start_s)
+        self._position = Spline(np.column_stack([level, -height]) + slips, _KNOT_S)
         self._heading = Spline(heading[:, None], _KNOT_S)
+        self._standing = _standing(way, seed, start_s)
         gust = scenario.wind.gust_m_s * np.array([1.0, 1.0, 0.3])  # weaker vertically
-        self._gust = smooth_noise(
-            generator(seed, "gusts"), scenario.duration_s, _GUST_TIME_S, gust
-        )
+        blows = smooth_noise(generator(seed, "gusts"), scenario.duration_s, _GUST_TIME_S, gust)
+        calm = 1 - _aloft(blows.spacing_s * np.arange(len(blows.points), dtype=float), start_s)
+        blows.points -= calm * (blows.points + self._mean_wind_p)
+        self._gust = Spline(blows.points, blows.spacing_s)
 
     def motion(self, t_s: npt.ArrayLike) -> Motion:
         """Return the motion at times (N,) in seconds from the start."""
         times = np.atleast_1d(np.asarray(t_s, float))
         position, velocity, acceleration, jerk = (self._position(times, k) for k in range(4))
-        yaw, yaw_rate = (self._heading(times, k)[:, 0] for k in range(2))
+        standing = [self._standing(times, k) for k in range(3)]
+        yaw, yaw_rate = (self._heading(times, k)[:, 0] + standing[k][:, 3] for k in range(2))
         wind = self._mean_wind_p + self._gust(times)
         thrust = acceleration - _GRAVITY_P + self._drag_1_s * (velocity - wind)
         thrust_rate = jerk + self._drag_1_s * (acceleration - self._gust(times, 1))
+        thrust[:, :2] += standing[0][:, 4:]
+        thrust_rate[:, :2] += standing[1][:, 4:]
+        position, velocity = position + standing[0][:, :3], velocity + standing[1][:, :3]
+        acceleration = acceleration + standing[2][:, :3]
         tilt, tilt_rate = _tilt(thrust, thrust_rate, yaw, yaw_rate)
         rotation = matrix_from_euler(tilt[:, 0], tilt[:, 1], yaw)
         rate = _body_rate(tilt, tilt_rate, yaw_rate)

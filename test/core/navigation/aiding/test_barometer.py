@@ -28,15 +28,15 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack
 from tirgeo_ros.core.navigation.aiding.barometer import (
-    Reference,
+    UNKNOWN_M,
     metres_per_pa,
     standard_height_m,
     standard_pressure_pa,
 )
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.error_states import states_of
-from tirgeo_ros.core.types.measurements import PressureSample, Source
+from tirgeo_ros.core.navigation.ins.error_states import BAROMETER_OFFSET, states_of
+from tirgeo_ros.core.types.measurements import FixStatus, PressureSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 from tirgeo_ros.io.messages import SENSED_SAMPLES, TOPIC_TYPES, Messages, sensed
 from tirgeo_ros.io.messages.cdr import Cdr
@@ -45,7 +45,7 @@ from tirgeo_ros.tools.simulate.scenario import scenario_from
 
 CONFIG = EkfConfig()
 BAROMETER = CONFIG.barometer
-HEIGHT_M, OFFSET_M, DOWN = LEVEL.height_m, 35.0, 8
+HEIGHT_M, OFFSET_M, DOWN, OFFSET = LEVEL.height_m, 35.0, 8, BAROMETER_OFFSET.start
 
 
 def ns(t_s: float) -> int:
@@ -58,32 +58,27 @@ def pressure(t_s: float, off_m: float = 0.0, variance_pa2: float = 0.0) -> Press
     return PressureSample(ns(t_s), standard_pressure_pa(height_m), variance_pa2)
 
 
-def estimate_of(sigma_m, *, position_s=None, reference=True) -> StateEstimate:
-    """A level state with this sigma of height, RTK used at a time, the offset known at 0 s."""
-    aids = used_at({} if position_s is None else {Source.RTK_POSITION: ns(position_s)})
-    if reference:
-        own = Reference(0, HEIGHT_M + OFFSET_M, OFFSET_M, 0.01, 0)
-        aids = aids.with_track(Source.BAROMETER, AidTrack(own=own))
+def estimate_of(sigma_m, *, offset_m=OFFSET_M, offset_sigma_m=0.1) -> StateEstimate:
+    """A level state with these sigmas of height and offset, and no aid used so far."""
+    aids = used_at({})
+    receivers = aids.receivers._replace(barometer_offset_m=offset_m)
     covariance = np.eye(states_of(CONFIG)) * 1e-4
     covariance[DOWN, DOWN] = sigma_m**2
-    return StateEstimate(LEVEL, covariance, aids)
+    covariance[OFFSET, OFFSET] = offset_sigma_m**2
+    return StateEstimate(LEVEL, covariance, aids._replace(receivers=receivers))
 
 
 def beside_rtk(estimate: StateEstimate, t_s: float) -> StateEstimate:
-    """The estimate after an RTK position was used at ``t_s``."""
+    """The estimate after an RTK position that is fixed was used at ``t_s``."""
     aids = estimate.aids.with_track(Source.RTK_POSITION, AidTrack(ns(t_s)))
+    aids = aids.with_status(FixStatus.FIXED, ns(t_s), 10**9)
     return estimate._replace(aids=aids)
 
 
-def reference_of(estimate: StateEstimate) -> Reference:
-    return Reference(*estimate.aids.track(Source.BAROMETER).own)
-
-
-def lasting_m2(t_s: float, climb_m: float = 0.0) -> float:
-    """The variance of the offset after a while and a change of height, by the parameters."""
-    slow = 2 * BAROMETER.sigma_m**2 * (1 - math.exp(-t_s / BAROMETER.time_s))
-    weather = BAROMETER.drift**2 * t_s
-    return 0.01 + weather + slow + (BAROMETER.scale_sigma * climb_m) ** 2
+def offset_of(estimate: StateEstimate) -> tuple[float, float]:
+    """The offset and its sigma, m."""
+    sigma_m = math.sqrt(estimate.covariance[OFFSET, OFFSET])
+    return estimate.aids.receivers.barometer_offset_m, sigma_m
 
 
 @pytest.mark.parametrize(
@@ -99,55 +94,57 @@ def test_height_is_that_of_the_standard_atmosphere(height_m, pressure_pa):
     assert metres_per_pa(pressure_pa) == pytest.approx(slope, rel=1e-6)
 
 
-def test_first_reading_gives_the_reference_only_beside_a_position():
-    fusion, sample = Fusion(CONFIG), pressure(10.0)
-    alone = fusion.fuse(sample, estimate_of(0.02, reference=False), ZERO)
-    assert alone.verdict.outcome is Outcome.STANDBY
-    assert not alone.estimate.aids.track(Source.BAROMETER).own
-    beside = fusion.fuse(sample, estimate_of(0.02, position_s=9.9, reference=False), ZERO)
-    assert beside.verdict.outcome is Outcome.STANDBY
-    assert reference_of(beside.estimate).offset_m == pytest.approx(OFFSET_M, abs=1e-6)
+@pytest.mark.parametrize("sigma_m", [0.02, 3.0])
+def test_the_first_reading_sets_the_offset_and_not_the_height(sigma_m):
+    unknown = estimate_of(sigma_m, offset_m=0.0, offset_sigma_m=UNKNOWN_M)
+    verdict, after = Fusion(CONFIG).fuse(pressure(10.0), unknown, ZERO)
+    assert verdict.outcome is Outcome.USED
+    # The share of 35 m that goes to the height: its variance over that of the offset, 300 m.
+    assert after.state.height_m == pytest.approx(HEIGHT_M, abs=35 * (sigma_m / UNKNOWN_M) ** 2)
+    offset_m, offset_sigma_m = offset_of(after)
+    assert offset_m == pytest.approx(OFFSET_M, abs=1e-2)
+    assert offset_sigma_m == pytest.approx(math.hypot(sigma_m, BAROMETER.noise_m), rel=1e-3)
+    # An error of the height is the offset's, negated: their sum is what the barometer read.
+    tie = after.covariance[DOWN, OFFSET] / sigma_m / offset_sigma_m
+    assert tie == pytest.approx(sigma_m / offset_sigma_m, rel=1e-3)
 
 
-def test_reference_follows_the_state_beside_a_position_and_stays_without():
-    fusion, estimate = Fusion(CONFIG), estimate_of(0.02, position_s=9.9)
-    for t_s in np.arange(0.1, 10.0, 0.1):
-        fused = fusion.fuse(pressure(t_s, 0.5), beside_rtk(estimate, t_s), ZERO)
-        assert fused.verdict.outcome is Outcome.STANDBY
-        assert fused.estimate.covariance is estimate.covariance
-        estimate = fused.estimate
-    result = reference_of(estimate)
-    assert result.offset_m == pytest.approx(OFFSET_M + 0.5, abs=0.01)
-    # White noise of 0.2 m that a walk of 0.05 m in 0.1 s limits: sqrt(0.05 x 0.2) m.
-    assert math.sqrt(result.variance_m2) == pytest.approx(0.1, abs=0.02)
-    for t_s in np.arange(20.0, 30.0, 0.1):  # RTK is gone
-        estimate = fusion.fuse(pressure(t_s, 1.0), estimate, ZERO).estimate
-    assert reference_of(estimate)[:4] == result[:4]
+def test_the_offset_is_learned_beside_rtk_once_a_second_and_the_height_stays():
+    fusion, estimate, outcomes = Fusion(CONFIG), estimate_of(0.02, offset_sigma_m=1.0), []
+    for t_s in np.arange(1.0, 21.0, 0.1):
+        estimate = beside_rtk(estimate, t_s)
+        verdict, estimate = fusion.fuse(pressure(t_s, 0.5), estimate, ZERO)
+        outcomes.append(verdict.outcome)
+    assert outcomes.count(Outcome.USED) == 20
+    assert set(outcomes) == {Outcome.USED, Outcome.STANDBY}
+    offset_m, sigma_m = offset_of(estimate)
+    # Twenty readings with a noise of 1 m, and a prior of 1 m.
+    assert sigma_m == pytest.approx(math.sqrt(1 / 21), rel=0.01)
+    assert offset_m == pytest.approx(OFFSET_M + 0.5 * 20 / 21, abs=0.01)
+    assert estimate.state.height_m == pytest.approx(HEIGHT_M, abs=1e-3)
 
 
 @pytest.mark.parametrize("sigma_m", [2.0, 5.0, 30.0])
-@pytest.mark.parametrize("t_s", [5.0, 60.0])
-def test_a_reading_leaves_twice_the_lasting_variance(sigma_m, t_s):
-    fused = Fusion(CONFIG).fuse(pressure(t_s, 1.0), estimate_of(sigma_m), ZERO)
-    assert fused.verdict.outcome is Outcome.USED
-    left = fused.estimate.covariance[DOWN, DOWN]
-    assert left == pytest.approx(2 * lasting_m2(t_s, 1.0), rel=1e-9)
-    share = 1 - left / sigma_m**2
-    assert fused.estimate.state.height_m == pytest.approx(HEIGHT_M + share, abs=1e-6)
-    again = Fusion(CONFIG).fuse(pressure(t_s + 0.1, 1.0), fused.estimate, ZERO)
-    assert again.estimate.state.height_m == pytest.approx(fused.estimate.state.height_m, abs=0.01)
+def test_many_readings_do_not_average_the_offset_away(sigma_m):
+    """A minute of readings, 1 m higher: what is not known of the offset stays in the height."""
+    fusion, estimate = Fusion(CONFIG), estimate_of(sigma_m, offset_sigma_m=1.0)
+    for t_s in np.arange(5.0, 65.0, 0.1):
+        verdict, estimate = fusion.fuse(pressure(t_s, 1.0), estimate, ZERO)
+        assert verdict.outcome is Outcome.USED
+    left = estimate.covariance[DOWN, DOWN]
+    # Of height and offset, both unknown, 600 readings show the sum to 1 m / sqrt(600).
+    assert left == pytest.approx(1 / (1 + 1 / sigma_m**2), rel=0.01)
+    share = 1 / (1 + 1 / sigma_m**2)
+    assert estimate.state.height_m == pytest.approx(HEIGHT_M + share, abs=0.01)
 
 
 def test_innovations_scatter_as_the_filter_says():
-    """NIS of 400 draws of the state's error and of each of the barometer's, 10 s after RTK."""
-    rng, fusion, t_s, sigma_m = np.random.default_rng(33), Fusion(CONFIG), 10.0, 1.5
-    kept = math.exp(-t_s / BAROMETER.time_s)
+    """NIS of 400 draws of the errors of the state, of the offset and of a reading."""
+    rng, fusion, sigma_m = np.random.default_rng(33), Fusion(CONFIG), 1.5
     result = []
-    for state, known, walk, white, slow, fresh in rng.standard_normal((400, 6)):
-        changed = BAROMETER.sigma_m * ((kept - 1) * slow + math.sqrt(1 - kept**2) * fresh)
-        weather = BAROMETER.drift * math.sqrt(t_s) * walk
-        off_m = sigma_m * state + 0.1 * known + weather + changed + BAROMETER.noise_m * white
-        result.append(fusion.fuse(pressure(t_s, off_m), estimate_of(sigma_m), ZERO).verdict)
+    for state, known, white in rng.standard_normal((400, 3)):
+        off_m = sigma_m * state + 0.1 * known + BAROMETER.noise_m * white
+        result.append(fusion.fuse(pressure(10.0, off_m), estimate_of(sigma_m), ZERO).verdict)
     # Chi-square with 400 degrees of freedom: 95 % of the means are in 1 +- 1.96 sqrt(2 / 400).
     assert np.mean([verdict.nis for verdict in result]) == pytest.approx(1.0, abs=0.139)
     assert {verdict.outcome for verdict in result} == {Outcome.USED}
@@ -165,28 +162,31 @@ def test_bad_pressures_are_invalid(value, variance):
 
 
 @pytest.mark.parametrize(("sigma_m", "position"), [(0.02, True), (0.02, False), (2.0, False)])
-def test_a_step_is_refused_and_then_becomes_the_reference(sigma_m, position):
+def test_a_step_is_refused_and_then_becomes_the_offset(sigma_m, position):
     """A door opens: 40 m at once. The height stays in all cases."""
     fusion, estimate, outcomes = Fusion(CONFIG), estimate_of(sigma_m), []
-    for t_s in np.arange(5.0, 8.0, 0.1):
+    for t_s in np.arange(5.0, 7.05, 0.1):
         estimate = beside_rtk(estimate, t_s) if position else estimate
         verdict, estimate = fusion.fuse(pressure(t_s, 40.0), estimate, ZERO)
         outcomes.append(verdict.outcome)
         assert estimate.state.height_m == pytest.approx(HEIGHT_M, abs=1e-6)
     assert outcomes[:20] == [Outcome.GATED] * 20  # reset_after_s at 10 Hz
     assert outcomes[20] is Outcome.RESET
-    assert set(outcomes[21:]) == {Outcome.STANDBY}
     assert str(estimate.aids.last_reset) == "offset of baro/pressure changed by 40.00 m"
-    assert reference_of(estimate).offset_m == pytest.approx(OFFSET_M + 40.0, abs=0.1)
+    offset_m, sigma = offset_of(estimate)
+    assert offset_m == pytest.approx(OFFSET_M + 40.0, abs=0.1)
+    assert sigma == pytest.approx(math.hypot(sigma_m, BAROMETER.noise_m), rel=1e-6)
+    again = fusion.fuse(pressure(8.0, 40.0), estimate, ZERO)
+    assert again.verdict.outcome is Outcome.USED
+    assert again.verdict.nis < 1e-3
 
 
 def test_a_single_wrong_reading_changes_nothing():
     fusion, estimate = Fusion(CONFIG), estimate_of(2.0)
-    before = reference_of(estimate)
     off = fusion.fuse(pressure(5.0, -60.0), estimate, ZERO)
     assert off.verdict.outcome is Outcome.GATED
     assert off.verdict.reason == "60.0 m off"
-    assert reference_of(off.estimate)[:4] == before[:4]
+    assert offset_of(off.estimate) == offset_of(estimate)
     assert fusion.fuse(pressure(5.1), off.estimate, ZERO).verdict.outcome is Outcome.USED
 
 
@@ -235,22 +235,25 @@ def test_height_after_sixty_seconds_without_satellites():
             off[barometer].append(result.state[row, 2])
             sigmas[barometer].append(result.sigma[row, 2])
     assert rms(np.array(off[False])) == pytest.approx(5.1, abs=0.1)
-    assert rms(np.array(off[True])) == pytest.approx(1.1, abs=0.1)
+    assert rms(np.array(off[True])) == pytest.approx(0.9, abs=0.1)
+    assert rms(np.array(sigmas[True])) == pytest.approx(1.2, abs=0.1)
     # Both sigmas are right: mean square of six errors over sigma, 99 % of chi-square / 6.
     for barometer in (True, False):
         assert np.mean(np.square(off[barometer]) / np.square(sigmas[barometer])) < 2.8
 
 
-def test_a_barometer_beside_rtk_changes_nothing_even_where_it_walks_away():
+def test_a_barometer_beside_rtk_moves_nothing_even_where_it_walks_away():
     flight = flown(7, duration_s=40.0)
     plain = filtered(flight, without_barometer()).errors
-    result, _, navigation = filtered(flight)
+    # The noise of one reading is as simulated.
+    result, _, navigation = filtered(flight, barometer__noise_m=0.2)
     status = navigation.status()
-    # The readings have stamps of the IMU, so only the sums' rounding differs.
-    assert np.abs(result.state - plain.state).max() < 1e-12
-    assert {o for source, o in status.counts if source == "barometer"} == {"standby", "waiting"}
-    # A slow error that is exactly as configured: 300 readings, correlated over a second or two.
-    assert 0.6 < status.nis["barometer"] < 1.4
+    # Of an innovation of 0.3 m the height takes the ratio of variances, 1 cm and 0.3 m squared.
+    assert np.abs(result.state - plain.state)[:, :3].max() < 1e-3
+    outcomes = {o for source, o in status.counts if source == "barometer"}
+    assert outcomes == {"standby", "used", "waiting"}
+    # 30 innovations of a second: 95 % of chi-square / 30 are in 0.56 to 1.57.
+    assert 0.5 < status.nis["barometer"] < 1.6
 
     def spoiled(sample, t_s):
         """Five metres within a minute, and a step of 20 m."""

@@ -42,6 +42,7 @@ from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
@@ -61,7 +62,7 @@ def fixed_estimate(fixed_s: float, now_s: float) -> StateEstimate:
     while t_s < now_s:  # the receiver reports it five times a second
         t_s = min(t_s + 0.2, now_s)
         aids = heard(aids, t_s)
-    covariance = 1e-4 * np.eye(18)
+    covariance = 1e-4 * np.eye(ANTENNA.start)
     covariance[2, 2] = math.radians(0.1) ** 2
     return StateEstimate(LEVEL, covariance, aids)
 

@@ -47,7 +47,7 @@ from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, innovation_n
 from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.error_states import GPS_ERROR, POSITION
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, GPS_ERROR, POSITION
 from tirgeo_ros.core.navigation.ins.strapdown import rotate
 from tirgeo_ros.core.types.measurements import FixStatus, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import Outcome
@@ -57,7 +57,7 @@ GOOD = ((0.01, 0.0, -0.01), (-0.01, 0.01, 0.0))
 
 
 def fused_position(config: dict, shift: np.ndarray, offsets: tuple = ()):
-    estimate = estimate_of(LEVEL, covariance=0.01 * np.eye(18))
+    estimate = estimate_of(LEVEL, covariance=0.01 * np.eye(ANTENNA.start))
     aids = estimate.aids._replace(rtk=estimate.aids.rtk._replace(offsets_n=offsets))
     estimate = estimate._replace(aids=aids)
     return estimate, Fusion(armed_config(**config)).fuse(antenna_fix(LEVEL, shift), estimate, ZERO)
@@ -90,7 +90,7 @@ def test_median_filter_ignores_one_jump(before):
 
 def test_velocity_enters_with_its_floor():
     sample = replace(velocity(0.0, (3.5, -1.0, 0.2), variance=0.0), stamp_ns=NOW_NS)
-    covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(12)])
+    covariance = np.diag(np.r_[np.zeros(3), np.full(3, 4e-4), np.zeros(ANTENNA.start - 6)])
     fused = Fusion(MEASURED).fuse(sample, estimate_of(LEVEL, covariance=covariance), ZERO)
     # Variance 0.02^2 against the floor 0.02^2: half of the 0.5 m/s, but that is 17 sigma: refused.
     assert fused.verdict.outcome is Outcome.GATED
@@ -101,7 +101,11 @@ def test_velocity_enters_with_its_floor():
 
 def test_gps_error_takes_the_part_that_the_position_does_not():
     """If the position is certain, a GPS position shows the error of the receiver."""
-    covariance = np.diag(np.r_[np.zeros(6), np.full(3, 1e-4), np.zeros(6), np.full(3, 4.0)])
+    covariance = np.zeros((ANTENNA.start,) * 2)
+    covariance[POSITION, POSITION], covariance[GPS_ERROR, GPS_ERROR] = (
+        np.eye(3) * 1e-4,
+        np.eye(3) * 4.0,
+    )
     estimate = estimate_of(LEVEL, covariance=covariance)
     sample = antenna_fix(LEVEL, np.array([1.0, -2.0, 3.0]), Source.GPS_POSITION)
     sample = replace(sample, covariance_n=np.zeros((3, 3)))
@@ -144,7 +148,7 @@ def test_floor_only_adds(variances, correlation):
 def drifted(sigma_m: float = 1.0) -> StateEstimate:
     """After an outage: the position is known to a metre, RTK was used 12 s ago."""
     aids = used_at({Source.RTK_POSITION: ns(0)}, FixStatus.FIXED)
-    covariance = 1e-4 * np.eye(18)
+    covariance = 1e-4 * np.eye(ANTENNA.start)
     covariance[2, 2] = math.radians(0.1) ** 2
     covariance[6:9, 6:9] = sigma_m**2 * np.eye(3)
     return StateEstimate(HOVER, covariance, aids)
@@ -266,31 +270,38 @@ def test_velocities_are_spare_while_rtk_s_are_used(rtk_s, spare):
 
 
 def test_a_position_without_a_fix_is_not_used():
-    estimate = StateEstimate(HOVER, np.eye(18), aids_used())
+    estimate = StateEstimate(HOVER, np.eye(ANTENNA.start), aids_used())
     result = Fusion(CONFIG).fuse(gps_fix(10.0, status=FixStatus.NONE), estimate, ZERO)
     assert (result.verdict.outcome, result.verdict.reason) == (Outcome.NOT_FIXED, "status none")
 
 
 @pytest.mark.parametrize(
-    ("rtk_s", "gps_s", "share", "more", "beyond"),
+    ("gps_s", "share", "more", "added"),
     [
-        (None, None, 1.0, 0.0, 0.0),
-        (None, None, 0.1, 0.0, 0.0),
-        (None, None, 1.0, 9.0, 9.0),  # the first position counts in full
-        (None, 9.9, 1.0, 9.0, 9.0 * 900),  # 2 x 45 s over 0.1 s: a lasting error
-        (None, 5.0, 1.0, 9.0, 9.0 * 90),
-        (9.0, 9.9, 1.0, 9.0, 9.0),  # its error is learned against RTK
+        (None, 1.0, 0.0, 0.0),
+        (None, 0.1, 0.0, 0.0),
+        (None, 1.0, 9.0, 9.0),  # at the first position it is all there
+        (9.9, 1.0, 9.0, 9.0 * (1 - math.exp(-0.2 / 45))),
+        (5.0, 1.0, 9.0, 9.0 * (1 - math.exp(-10 / 45))),
     ],
 )
-def test_reported_variance_beyond_the_slow_error_is_noise(rtk_s, gps_s, share, more, beyond):
-    """The noise is the reported variance less that of the state, not below zero."""
-    gps = CONFIG.gps
+def test_reported_variance_beyond_the_slow_error_is_white_and_slow(gps_s, share, more, added):
+    """A Gauss-Markov process of this variance takes up its share since the last position."""
+    gps, before = CONFIG.gps, np.eye(ANTENNA.start)
     known = np.square(gps.position_sigma_m) + gps.position_noise_m**2
-    estimate = StateEstimate(HOVER, np.eye(18), aids_used(rtk_s, gps_s))
+    estimate = StateEstimate(HOVER, before, aids_used(None, gps_s))
     sample = gps_fix(10.0, variances=share * known + more)
-    result = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)[0].measurement.noise
-    expected = np.eye(3) * (gps.position_noise_m**2 + beyond)
-    np.testing.assert_allclose(result, expected, rtol=1e-9)
+    aid, after = GpsPositionAid(CONFIG).measured(sample, estimate, ZERO)
+    white = np.eye(3) * (gps.position_noise_m**2 + more)
+    np.testing.assert_allclose(aid.measurement.noise, white, rtol=1e-9)
+    result = after.covariance - before
+    np.testing.assert_allclose(result[GPS_ERROR, GPS_ERROR], added * np.eye(3), atol=1e-12)
+    # Beside a barometer the mean of the heights counts alone: 2 x 45 s over the interval.
+    aids = estimate.aids.with_track(Source.BAROMETER, AidTrack(ns(9.9)))
+    aid, after = GpsPositionAid(CONFIG).measured(sample, estimate._replace(aids=aids), ZERO)
+    white[2, 2] += more * ({9.9: 900}.get(gps_s, 90) - 1)
+    np.testing.assert_allclose(aid.measurement.noise, white, rtol=1e-9)
+    assert (after.covariance - before)[GPS_ERROR, GPS_ERROR][2, 2] == 0.0
 
 
 def with_error(covariance):
@@ -306,7 +317,7 @@ def fade(t_s):
 @pytest.mark.parametrize("looked_at_s", [(), (10.0, 20.0)])
 def test_learned_error_fades_with_time_alone(looked_at_s):
     """By a third of its correlation time in 30 s; fixes that are refused do not fade it twice."""
-    fusion, estimate = Fusion(CONFIG), with_error(1e-6 * np.eye(18))
+    fusion, estimate = Fusion(CONFIG), with_error(1e-6 * np.eye(ANTENNA.start))
     for t_s in looked_at_s:
         verdict, estimate = fusion.fuse(gps_fix(t_s, (50.0, 0.0, 0.0)), estimate, ZERO)
         assert verdict.outcome is Outcome.GATED
@@ -317,7 +328,8 @@ def test_learned_error_fades_with_time_alone(looked_at_s):
 
 def test_fading_does_not_depend_on_how_often_something_is_used():
     """Twenty updates in between or none give the same estimate, if they do not observe it."""
-    covariance = np.diag(np.r_[np.full(15, 1e-6), np.full(3, 1.0)])
+    covariance = 1e-6 * np.eye(ANTENNA.start)
+    covariance[GPS_ERROR, GPS_ERROR] = np.eye(3)
     fusion, estimate = Fusion(CONFIG), with_error(covariance)
     for k in range(1, 21):
         sample = velocity(0.5 * k, source=Source.GPS_VELOCITY, variance=0.01)

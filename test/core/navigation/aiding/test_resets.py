@@ -41,7 +41,7 @@ from tirgeo_ros.core.frames.rotations import euler_from_quat, quat_from_euler, q
 from tirgeo_ros.core.navigation.aiding.aid import StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import AidTrack, Receivers
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
-from tirgeo_ros.core.navigation.ins.error_states import GPS_ERROR, POSITION
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, GPS_ERROR, POSITION
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 from tirgeo_ros.core.types.verdicts import Outcome
 
@@ -54,13 +54,17 @@ SHIFT_N = np.array([3.0, -4.0, 1.0])
 
 def correlated(states: int, seed: int = 3) -> np.ndarray:
     """A covariance with all states correlated, small enough that jumps are refused."""
-    scales = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [1e-4] * 3, [5e-3] * 3, [0.5] * 3, [0.01]]
+    scales = np.r_[
+        [2e-3] * 3, [0.03] * 3, [0.02] * 3, [1e-4] * 3, [5e-3] * 3, [0.5] * 4, [0.01] * 4
+    ]
     root = np.random.default_rng(seed).normal(size=(states, 2 * states)) / math.sqrt(2 * states)
     root *= scales[:states, None]
     return root @ root.T
 
 
-def estimate_of(states: int = 18, *, rtk: bool = True, covariance=None) -> StateEstimate:
+def estimate_of(
+    states: int = ANTENNA.start, *, rtk: bool = True, covariance=None
+) -> StateEstimate:
     """RTK fixed for five seconds, its three measurements just used or never."""
     aids = used_at(dict.fromkeys(RTK, ns(0)) if rtk else {})
     aids = aids._replace(receivers=Receivers(ns(0)))
@@ -145,7 +149,7 @@ def by_gps(t_s):
 
 def test_gps_reset_changes_its_error_and_not_the_position():
     """Position and GPS error together are measured, neither of them alone."""
-    covariance = correlated(18)
+    covariance = correlated(ANTENNA.start)
     covariance[POSITION, POSITION] += 4.0 * np.eye(3)
     verdicts, before, after = again_and_again(
         estimate_of(rtk=False, covariance=covariance), by_gps
@@ -220,7 +224,7 @@ def set_by(make, **estimate):
     [
         (lambda: set_by(lambda t_s: fix(t_s, SHIFT_N)), range(6, 9)),
         (lambda: set_by(off, rtk=False), range(3, 6)),
-        (lambda: set_by(by_gps, rtk=False), range(15, 18)),
+        (lambda: set_by(by_gps, rtk=False), range(GPS_ERROR.start, GPS_ERROR.stop)),
         (lambda: turned(CONFIG, 52.0)[:2], (0, 1, 2, *range(9, 15))),
         (lambda: turned(ekf_config(heading__reset_after_s=5.0), 4.5)[:2], (2,)),
     ],

@@ -21,6 +21,7 @@ import pytest
 from alignments import aligned, duration_s, error, samples_from, spoilt
 from flights import config_for, errors, flight
 
+from tirgeo_ros.core.frames.rotations import flu_from_frd
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.alignment.turn_on_bias import surprise
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
@@ -119,13 +120,18 @@ def test_biases_learned_in_flight_allow_a_start_at_once(resting):
     sigma = np.repeat([1e-3, 5e-3], 3)
     gyro, accel = GYRO_RAD_S * np.array([1, -1, 1]), ACCEL_M_S2 * np.array([-1, 1, 1])
     prior = Biases(tuple(gyro.tolist()), tuple(accel.tolist()), np.diag(sigma**2))
-    result, _ = aligned(samples, config_for(resting), prior=prior)
-    assert duration_s(samples, result) < 1.4
-    tilt = np.degrees(error(resting, result)[:2])
-    assert np.abs(tilt).max() < 0.5  # 0.01 m/s2 of the simulated IMU itself are 0.06 deg
-    result, aligner = aligned(samples_from(resting), config_for(resting), prior=prior)
-    assert result is None or np.abs(np.degrees(error(resting, result)[:2])).max() < 0.5
-    assert result is not None or "needs motion" in aligner.reason
+    expected = config_for(  # by several flights: forward, left, up
+        resting,
+        imu__gyro_bias=flu_from_frd(gyro).tolist(),
+        imu__accel_bias=flu_from_frd(accel).tolist(),
+        imu__gyro_turn_on_bias=1e-3,
+        imu__accel_turn_on_bias=5e-3,
+    )
+    for config, known in ((config_for(resting), prior), (expected, None)):
+        result, _ = aligned(samples, config, prior=known)
+        assert duration_s(samples, result) < 1.4
+        tilt = np.degrees(error(resting, result)[:2])
+        assert np.abs(tilt).max() < 0.5  # 0.01 m/s2 of the simulated IMU itself are 0.06 deg
 
 
 @pytest.mark.slow

@@ -28,6 +28,7 @@ from flights import config_for, filtered, flight, navigation_samples
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.estimator.start_up import StampOrder
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.types.measurements import (
     FixStatus,
     ImuSample,
@@ -103,7 +104,8 @@ def test_an_aid_that_is_refused_is_not_reported_as_missing():
 # Lost
 
 
-COVARIANCE = np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
+STATES = range(ANTENNA.start)
+COVARIANCE = np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * (ANTENNA.start - 9)) ** 2
 
 
 @pytest.mark.parametrize(
@@ -113,8 +115,8 @@ COVARIANCE = np.diag([1e-3] * 6 + [1e-2] * 3 + [1e-3] * 9) ** 2
         *((place, 10.1, "position sigma 10.1 m") for place in (6, 7, 8)),
         (2, math.radians(9.99), ""),
         (2, math.radians(10.01), "heading sigma 10.0 deg"),
-        *((n, bad, "covariance not finite") for n in range(18) for bad in (math.nan, math.inf)),
-        *((place, 1e-9j, "covariance with a negative variance") for place in range(18)),
+        *((n, bad, "covariance not finite") for n in STATES for bad in (math.nan, math.inf)),
+        *((place, 1e-9j, "covariance with a negative variance") for place in STATES),
     ],
 )
 def test_lost_beyond_the_sigmas(place, sigma, why):

@@ -29,6 +29,8 @@ from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.frames.rotations import quat_from_euler
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion
 from tirgeo_ros.core.navigation.aiding.nose_heading import AutopilotHeadingAid
+from tirgeo_ros.core.navigation.estimator.filter_status import MOST_GPS_SIGMAS
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.types.measurements import AutopilotHeading, ImuSample, PositionSample, Source
 from tirgeo_ros.core.types.verdicts import FilterState, Outcome
 from tirgeo_ros.tools.simulate.flight import fly
@@ -86,6 +88,54 @@ def test_it_outlasts_a_silence_of_a_poor_receiver():
     assert states[-1][1] is FilterState.DEGRADED
 
 
+def flown_with_barometer(bias_n, begin_s=-1.0, sigma_m_s=None, seed=1):
+    """Errors and status without RTK, with wrong GPS velocities; ``sigma_m_s`` as reported."""
+    flown = fly(scenario_from({"barometer.rate_hz": 10.0, "duration_s": 80.0}, "test"), seed)
+
+    def change(sample, t_s):
+        if sample.source is Source.GPS_VELOCITY and t_s > begin_s:
+            variances = sample.covariance_n if sigma_m_s is None else sigma_m_s**2 * np.eye(3)
+            velocity_n = sample.velocity_n + np.array(bias_n)
+            sample = replace(sample, velocity_n=velocity_n, covariance_n=variances)
+        return poor()(sample, t_s)
+
+    result, _, navigation = filtered(flown, change, method="ekf")
+    return result, navigation.status()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("begin_s", "sigma_m_s"), [(-1.0, None), (40.0, None), (-1.0, 1.44)])
+@pytest.mark.parametrize("down_m_s", [0.7, -0.7])
+def test_a_wrong_vertical_velocity_does_not_carry_the_height_away(down_m_s, begin_s, sigma_m_s):
+    plain, _ = flown_with_barometer((0.0, 0.0, 0.0))
+    result, status = flown_with_barometer((0.0, 0.0, down_m_s), begin_s, sigma_m_s)
+    both = np.isin(plain.t_s, result.t_s), np.isin(result.t_s, plain.t_s)
+    moved_m = result.state[both[1], 2] - plain.state[both[0], 2]
+    # In the seconds that it takes to learn 0.7 m/s: 50 m without a barometer's help.
+    assert np.abs(moved_m).max() < 1.0
+    late = result.after(15.0)
+    assert (np.abs(late.state / late.sigma)[:, :3] < 3.0).all()
+    assert status.resets == {}
+    assert status.gps_sigmas < MOST_GPS_SIGMAS
+
+
+def test_positions_that_drift_away_from_the_barometer_are_a_contradiction():
+    """Heights that run away by 0.5 m/s, and velocities that agree with them."""
+    flown = fly(scenario_from({"barometer.rate_hz": 10.0, "duration_s": 60.0}, "test"), 1)
+
+    def change(sample, t_s):
+        if isinstance(sample, PositionSample):
+            sample = replace(sample, height_m=sample.height_m + 0.5 * t_s)
+        if sample.source is Source.GPS_VELOCITY:
+            sample = replace(sample, velocity_n=sample.velocity_n - (0.0, 0.0, 0.5))
+        return poor()(sample, t_s)
+
+    status = filtered(flown, change, method="ekf").status
+    assert status.gps_sigmas > MOST_GPS_SIGMAS
+    (warning,) = status.warnings
+    assert warning.startswith(f"gps/fix: was {status.gps_sigmas:.1f} times gps.position_sigma_m")
+
+
 @pytest.mark.slow
 def test_the_autopilots_heading_is_used_where_nothing_else_gives_one():
     """Hovering in still air for three minutes: poses all the time, within their sigma."""
@@ -107,7 +157,7 @@ def test_the_autopilots_heading_is_used_where_nothing_else_gives_one():
 
 
 def uncertain(heading_sigma_deg):
-    sigmas = np.full(18, 1e-3)
+    sigmas = np.full(ANTENNA.start, 1e-3)
     sigmas[2] = math.radians(heading_sigma_deg)
     return estimate_of(state_of(0.0, 0.0, math.radians(30.0)), covariance=np.diag(sigmas**2))
 

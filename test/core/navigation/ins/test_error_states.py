@@ -26,6 +26,7 @@ from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
+    BAROMETER_OFFSET,
     GPS_ERROR,
     STATES,
     feedback,
@@ -49,7 +50,7 @@ def state_of(lat, roll, pitch, yaw, velocity_n):
 def dynamics(state, rates):
     """F (15, 15) as the propagation of the covariance writes it."""
     propagation = CovariancePropagation(CONFIG)
-    propagation.step(np.eye(18), state, rates, rates.specific_force_n, 0.01)
+    propagation.step(np.eye(ANTENNA.start), state, rates, rates.specific_force_n, 0.01)
     return propagation._f[:STATES, :STATES]
 
 
@@ -113,10 +114,11 @@ def test_feedback_then_difference_is_the_error(values):
 
 @pytest.mark.parametrize("config", [CONFIG, WITH_ANTENNA])
 def test_gauss_markov_errors_keep_their_standard_deviation(config):
-    """Driving noise s sqrt(2/tau) with decay 1/tau leaves the variance s^2 where it is."""
+    """Driving noise leaves the variance where it is, that of a bias with its turn-on part."""
     states = states_of(config)
     sigmas = np.zeros(states)
-    sigmas[9:12], sigmas[12:15] = IMU.gyro_bias_instability, IMU.accel_bias_instability
+    sigmas[9:12] = np.hypot(IMU.gyro_bias_instability, IMU.gyro_turn_on_bias)
+    sigmas[12:15] = np.hypot(IMU.accel_bias_instability, IMU.accel_turn_on_bias)
     sigmas[GPS_ERROR] = config.gps.position_sigma_m
     if has_antenna(states):
         sigmas[ANTENNA] = 0.1, 0.2, 0.3  # the variance of a constant stays
@@ -127,6 +129,7 @@ def test_gauss_markov_errors_keep_their_standard_deviation(config):
     for _ in range(2000):  # 20 s: one correlation time of the fastest axis
         covariance = propagation.step(covariance, state, rates, rates.specific_force_n, 0.01)
     # Euler noise against the exact discrete one differs by dt/tau = 5e-4 at most.
+    covariance[BAROMETER_OFFSET, BAROMETER_OFFSET] = 0.0  # it wanders
     assert np.diag(covariance)[9:] == pytest.approx(sigmas[9:] ** 2, rel=1e-3)
 
 
@@ -135,18 +138,22 @@ def test_step_is_the_transition_of_the_dynamics():
     state = state_of(0.7, 0.3, -0.2, 1.0, (5.0, -3.0, 0.5))
     _, rates = propagate(state, (1.0, -2.0, -9.5), (0.1, -0.2, 0.3), 0.04)
     rng = np.random.default_rng(4)
-    scales = np.r_[STEPS, np.ones(3)]
-    root = rng.normal(size=(18, 18)) * scales[:, None]
+    scales = np.r_[STEPS, np.ones(ANTENNA.start - 15)]
+    root = rng.normal(size=(ANTENNA.start,) * 2) * scales[:, None]
     before = root @ root.T
-    f = np.zeros((18, 18))
+    f = np.zeros((ANTENNA.start,) * 2)
     f[:15, :15] = dynamics(state, rates)
-    f[15:, 15:] = -np.eye(3) / CONFIG.gps.position_time_s
-    phi = np.eye(18) + 0.04 * f + 0.5 * (0.04 * f) @ (0.04 * f)
+    times_s = [*IMU.gyro_bias_time_s, *IMU.accel_bias_time_s, *[CONFIG.gps.position_time_s] * 3]
+    times_s += [np.inf, *[CONFIG.gps.position_time_s] * 3, np.inf]
+    f[15:, 15:] = -np.diag(1 / np.array(times_s[6:]))
+    phi = np.eye(ANTENNA.start) + 0.04 * f + 0.5 * (0.04 * f) @ (0.04 * f)
     rotation, gps = matrix_from_quat(np.array(state.q_nb)), CONFIG.gps
     sigmas = [*IMU.gyro_bias_instability, *IMU.accel_bias_instability, *gps.position_sigma_m]
-    times_s = [*IMU.gyro_bias_time_s, *IMU.accel_bias_time_s, *[gps.position_time_s] * 3]
+    sigmas += [0.0] * 5
     noise = np.diag(np.r_[np.zeros(9), 2 * np.square(sigmas) / times_s])
     noise[:3, :3] = rotation @ np.diag(np.square(IMU.angle_random_walk)) @ rotation.T
+    climb_m2_s = CONFIG.barometer.time_s * (CONFIG.barometer.scale_sigma * 0.5) ** 2
+    noise[BAROMETER_OFFSET, BAROMETER_OFFSET] = CONFIG.barometer.density**2 + climb_m2_s
     noise[3:6, 3:6] = rotation @ np.diag(np.square(IMU.velocity_random_walk)) @ rotation.T
     expected = phi @ before @ phi.T + 0.04 * noise
     step = CovariancePropagation(CONFIG).step
@@ -159,8 +166,8 @@ def test_step_is_the_transition_of_the_dynamics():
 @given(st.integers(0, 2**32 - 1))
 def test_covariance_stays_symmetric_and_positive(seed):
     rng = np.random.default_rng(seed)
-    scales = np.r_[STEPS, np.ones(3), np.full(3, 1e-2)]
-    root = rng.normal(size=(21, 21)) * scales
+    scales = np.r_[STEPS, np.ones(ANTENNA.start - 15), np.full(3, 1e-2)]
+    root = rng.normal(size=(ANTENNA.stop,) * 2) * scales
     covariance = root @ root.T
     state = state_of(0.7, 0.2, -0.3, 1.0, (3.0, 2.0, 0.1))
     propagation = CovariancePropagation(WITH_ANTENNA)
@@ -179,11 +186,11 @@ def test_propagation_does_not_depend_on_earlier_calls():
     other = state_of(-0.9, -0.4, 0.3, -2.0, (-8.0, 5.0, 1.0))
     _, rates = propagate(state, (0.5, 0.3, -9.7), (0.2, 0.1, -0.4), 0.04)
     _, other_rates = propagate(other, (-2.0, 3.0, -12.0), (1.2, 0.7, 0.9), 0.04)
-    propagation, covariance = CovariancePropagation(CONFIG), np.eye(18)
+    propagation, covariance = CovariancePropagation(CONFIG), np.eye(ANTENNA.start)
     first = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
     kept = first.copy()
     propagation.step(covariance, other, other_rates, other_rates.specific_force_n, 0.01)
     again = propagation.step(covariance, state, rates, rates.specific_force_n, 0.04)
     assert np.array_equal(again, kept)
     assert np.array_equal(first, kept)  # an earlier result is not overwritten, either
-    assert np.array_equal(covariance, np.eye(18))
+    assert np.array_equal(covariance, np.eye(ANTENNA.start))

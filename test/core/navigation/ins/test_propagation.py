@@ -27,6 +27,7 @@ from scipy import stats
 
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.config.schema import config_from
+from tirgeo_ros.core.navigation.ins.error_states import ANTENNA
 from tirgeo_ros.core.navigation.ins.kalman import Measurement, chi_square_limit, update
 from tirgeo_ros.core.navigation.ins.propagation import (
     STILL,
@@ -43,10 +44,10 @@ from tirgeo_ros.core.types.measurements import ImuSample
 
 CONFIG = config_from(EkfConfig, {"aircraft.rtk_antenna_sigma_m": (0.0, 0.0, 0.0)})
 START = state_at(0.695, 2.04, 31.5, (3.0, -1.0, 0.2), (0.05, -0.03, 0.4))
-SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 3]
+SIGMAS = np.r_[[2e-3] * 3, [0.03] * 3, [0.02] * 3, [3e-4] * 3, [5e-3] * 3, [0.5] * 4, [0.1] * 3]
 
 
-def estimate(state=START, states=18) -> Propagated:
+def estimate(state=START, states=ANTENNA.start) -> Propagated:
     sigmas = np.r_[SIGMAS, 0.02][:states]
     return Propagated(state, np.diag(sigmas**2))
 
@@ -150,7 +151,7 @@ def test_monte_carlo_of_lost_samples(gap_s):
         truth = START
         for k in range(end):
             if k == begin:
-                certain = Propagated(truth, np.zeros((18, 18)))
+                certain = Propagated(truth, np.zeros((ANTENNA.start,) * 2))
             mean = tuple((force[k] + force[k + 1]) / 2), tuple((rate[k] + rate[k + 1]) / 2)
             truth, _ = propagate(truth, *mean, 1 / 400)
         read = {times[k]: (force[k], rate[k]) for k in (begin, end)}
@@ -189,9 +190,9 @@ def measured(rates, forces, step_s=1 / RATE_HZ, meter=None):
 
 
 # The squares of second differences of white noise are correlated: the mean of n has the relative
-# spread sqrt(2 (1 + 2 (4/6)^2 + 2 (1/6)^2) / n), and a density has half of it. Of 3 s at 100 Hz
-# with a decay that halves what counts: 0.08; five of these.
-MEMORY_SPREAD = 5 * 0.5 * np.sqrt(2 * (1 + 2 * (4 / 6) ** 2 + 2 / 36) / 600)
+# spread sqrt(2 (1 + 2 (4/6)^2 + 2 (1/6)^2) / n), and a density has half of it. Of averages of
+# three samples, for 3 s at 100 Hz with a decay that halves what counts: 0.14; three of these.
+MEMORY_SPREAD = 3 * 0.5 * np.sqrt(2 * (1 + 2 * (4 / 6) ** 2 + 2 / 36) / 200)
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 100.0, 400.0])
@@ -211,6 +212,21 @@ def test_motion_does_not_count_as_noise():
     result = measured(turn, push)
     assert np.all(result[:3] * imu.gyro_vibration_share < imu.angle_random_walk)
     assert np.all(result[3:] * imu.accel_vibration_share < imu.velocity_random_walk)
+
+
+def test_lines_near_half_the_sampling_rate_hardly_count():
+    """A line at 53 Hz, sampled at 120 Hz, five times the white noise's rms on each axis.
+
+    An average of three samples leaves 0.27 of the line, at 13 Hz: in second differences, where the
+    average's white noise counts with sqrt(6 / 3), that is 5 x 0.27 x 2.9 / 1.4 = 2.8 densities;
+    by samples it would be 5 x 3.9 / sqrt(6) = 7.9.
+    """
+    rates, forces = white(12.0, 5, 120.0)
+    line = 5 * np.sqrt(2) * np.sin(2 * np.pi * 53 * np.arange(0, 12, 1 / 120))[:, None]
+    line = line * np.sqrt(120.0)
+    shaken = measured(rates + line * GYRO, forces + line * ACCEL, 1 / 120)
+    ratio = shaken / [*GYRO, *ACCEL]
+    assert ratio == pytest.approx(np.hypot(1, 2.8), rel=MEMORY_SPREAD)
 
 
 def test_densities_fall_again_after_some_seconds_of_calm():

@@ -27,19 +27,14 @@ import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import STEPPED_S, AidStatus, AidTrack
-from tirgeo_ros.core.navigation.ins.error_states import (
-    ANTENNA,
-    GPS_ERROR,
-    feedback,
-    has_antenna,
-    states_of,
-)
+from tirgeo_ros.core.navigation.ins.error_states import DELAY, feedback, states_of
 from tirgeo_ros.core.navigation.ins.kalman import (
     Change,
     Measurement,
     Update,
     chi_square_limit,
     cut,
+    update,
 )
 from tirgeo_ros.core.navigation.ins.strapdown import NavState, Vector
 from tirgeo_ros.core.types.arrays import Array
@@ -50,6 +45,7 @@ from tirgeo_ros.core.types.measurements import (
     ImuSample,
     PositionSample,
     PressureSample,
+    Rest,
     SetHeading,
     Source,
     VelocitySample,
@@ -62,10 +58,12 @@ LONGEST_PATIENCE_S = 60.0
 #: Least heading sigma of a lost state, over the autopilot's sigma: with a margin above the ratio
 #: at which the autopilot's heading is used (``nose_heading``).
 _LOST_SIGMAS = 3.5
+#: While RTK is used, errors of other aids are learned at this interval: a second less jitter.
+_LEARNING_NS = 950_000_000
 
 Aiding = PositionSample | VelocitySample | HeadingSample | PressureSample | SetHeading
-#: ``Aiding``, and the heading that the filter takes from the IMU's messages.
-AidSample = Aiding | AutopilotHeading
+#: ``Aiding``, and what the filter takes from the IMU's messages.
+AidSample = Aiding | AutopilotHeading | Rest
 
 
 class StateEstimate(NamedTuple):
@@ -81,10 +79,21 @@ class StateEstimate(NamedTuple):
 
     def corrected(self, error: Array, changes: tuple[Change, ...]) -> StateEstimate:
         """Return the estimate with the state and the receivers corrected by an error (n,)."""
-        antenna_b = error[ANTENNA].tolist() if has_antenna(len(error)) else (0.0, 0.0, 0.0)
-        receivers = self.aids.receivers.changed(error[GPS_ERROR].tolist(), antenna_b)
-        aids = self.aids._replace(receivers=receivers)
-        return StateEstimate(feedback(self.state, error), changes[-1].covariance, aids, changes)
+        aids = self.aids._replace(receivers=self.aids.receivers.changed(error))
+        state, changes = feedback(self.state, error), (*self.changes, *changes)
+        return StateEstimate(state, changes[-1].covariance, aids, changes)
+
+    def without_delay(self) -> StateEstimate:
+        """Return the estimate under the condition that the IMU's delay is the configured one."""
+        design = np.zeros((1, len(self.covariance)))
+        design[0, DELAY] = 1.0
+        off = np.array((-self.aids.receivers.imu_delay_s,))
+        exact = Measurement(off, design, np.zeros((1, 1)), math.inf)
+        _, error, covariance, _, correction = update(self.covariance, exact)
+        assert error is not None
+        assert covariance is not None
+        covariance = uncorrelated(covariance, slice(DELAY, DELAY + 1))  # zero but for rounding
+        return self.corrected(error, (Change(covariance, correction=correction),))
 
 
 class Fused(NamedTuple):
@@ -157,6 +166,8 @@ class Aid:
     eased: ClassVar[bool] = False
     #: The error states that a reset sets as measured, after a long contradiction.
     resets: ClassVar[slice | None] = None
+    #: Whether a delay of the IMU's stamps matters to it: not to what the IMU itself measures.
+    by_delay: ClassVar[bool] = True
     #: Whether its samples are taken from the IMU's messages (``of_imu``).
     in_imu: ClassVar[bool] = False
 
@@ -180,6 +191,16 @@ class Aid:
         """Return the aid's sample in an IMU message; None if it is absent or not needed."""
         return None
 
+    def learned(self, sample: Aiding, aids: AidStatus) -> bool:
+        """Return whether RTK is fixed and used, and taught this aid's error within a second."""
+        now_ns, own, rtk = (
+            sample.stamp_ns,
+            aids.track(self.source),
+            aids.track(Source.RTK_POSITION),
+        )
+        in_use = aids.rtk.status is FixStatus.FIXED and rtk.recent(now_ns, self._timeout_ns)
+        return in_use and own.recent(now_ns, _LEARNING_NS)
+
     def spare(self, _sample: Any, _aids: AidStatus) -> bool:
         """Return whether a sample changes nothing and can be skipped (verdict STANDBY)."""
         return False
@@ -191,6 +212,21 @@ class Aid:
         change.
         """
         raise NotImplementedError
+
+    def widened(
+        self, sample: Aiding, estimate: StateEstimate, block: slice, beyond: Array, time_s: float
+    ) -> StateEstimate:
+        """Return the estimate with reported variances beyond the state's in a slow error.
+
+        Of ``beyond`` (3,) it gets what a Gauss-Markov process takes up since the last sample.
+        """
+        if not beyond.any():
+            return estimate
+        since_ns = sample.stamp_ns - estimate.aids.track(self.source).judged_ns
+        covariance = estimate.covariance.copy()
+        share = -math.expm1(-2e-9 * max(since_ns, 0) / time_s)
+        covariance[block, block] += np.diag(share * beyond)
+        return StateEstimate(estimate.state, covariance, estimate.aids, (Change(covariance),))
 
     def averaged(
         self, track: AidTrack, _measurement: Measurement, _predicted: Array, reason: str
@@ -258,6 +294,26 @@ class Aid:
         aids = self.with_reset(estimate.aids, aid.stamp_ns, float(np.linalg.norm(innovation)))
         changes = (Change(covariance, cut(len(covariance), self.resets)),)
         return StateEstimate(feedback(estimate.state, error), covariance, aids, changes)
+
+    def blamed(
+        self, aid: AidMeasurement, estimate: StateEstimate, own: slice, of: slice, sign: float
+    ) -> StateEstimate:
+        """Return the estimate with the aid's own error set as measured; the state stays.
+
+        What is measured is the states ``of`` plus ``sign`` times the states ``own``, so an error
+        in one is that of the other, times ``-sign``.
+        """
+        innovation = aid.measurement.innovation
+        covariance = uncorrelated(estimate.covariance, own)
+        transition, error = cut(len(covariance), own), np.zeros(len(covariance))
+        covariance[own, own] = aid.measurement.noise
+        covariance[own, :] -= sign * covariance[of, :]
+        covariance[:, own] -= sign * covariance[:, of]
+        transition[own, of] = -sign * np.eye(len(innovation))
+        error[own] = sign * innovation
+        aids = estimate.aids._replace(receivers=estimate.aids.receivers.changed(error))
+        aids = self.with_reset(aids, aid.stamp_ns, float(np.linalg.norm(innovation)))
+        return StateEstimate(estimate.state, covariance, aids, (Change(covariance, transition),))
 
     def with_reset(self, aids: AidStatus, now_ns: int, size: float) -> AidStatus:
         """Return the records after a reset by ``size``."""

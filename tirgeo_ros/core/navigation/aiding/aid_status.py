@@ -22,11 +22,18 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from tirgeo_ros.core.navigation.aiding.rtk_consistency import Consistency
+from tirgeo_ros.core.navigation.ins.error_states import (
+    ANTENNA,
+    BAROMETER_OFFSET,
+    DELAY,
+    GPS_ERROR,
+    GPS_VELOCITY_ERROR,
+)
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
+from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
 #: The sources of measurements, in the order in which those of one instant are used.
@@ -72,11 +79,17 @@ class AidTrack(NamedTuple):
     denied_ns: int = 0  # stamp of the first
     denied_to_ns: int = 0  # stamp of the newest
     denied: int = 0  # their number
-    own: Any = None  # what the aid itself keeps from one sample to the next
+    # Of GPS positions: their mean difference from the state (NED, m), the largest over its sigma.
+    against: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)
 
     def recent(self, now_ns: int, timeout_ns: int) -> bool:
         """Return whether it was used within the time-out."""
         return now_ns - self.used_ns <= timeout_ns
+
+    @property
+    def judged_ns(self) -> int:
+        """Return the stamp of the newest measurement that was used or refused."""
+        return max(self.used_ns, self.denied_to_ns if self.denied else NEVER_NS)
 
     def used(self, now_ns: int, timeout_ns: int, innovation: tuple[float, ...] = ()) -> AidTrack:
         """Return the record after a measurement was used."""
@@ -85,7 +98,7 @@ class AidTrack(NamedTuple):
             agreed_ns += now_ns - self.used_ns
         ease, mean_rad = max(self.ease - 1, 0), self.mean_rad
         return AidTrack(
-            now_ns, agreed_ns, ease, mean_rad=mean_rad, newest=innovation, own=self.own
+            now_ns, agreed_ns, ease, mean_rad=mean_rad, newest=innovation, against=self.against
         )
 
     def followed(self, innovation: tuple[float, ...], expected: tuple[float, ...]) -> AidTrack:
@@ -140,22 +153,27 @@ class Receivers(NamedTuple):
 
     stamp_ns: int
     gps_error_n: Vector = (0.0, 0.0, 0.0)  # m
+    barometer_offset_m: float = 0.0  # standard height less true height
+    gps_velocity_error_n: Vector = (0.0, 0.0, 0.0)  # m/s
     antenna_b: Vector = (0.0, 0.0, 0.0)  # m, RTK antenna's position less the configured one, FRD
+    imu_delay_s: float = 0.0  # delay of the IMU's stamps, beyond the configured one
 
     def at(self, stamp_ns: int, gps_time_s: float) -> Receivers:
-        """Return the errors at another time: the GPS error decays with ``gps_time_s``."""
+        """Return the errors at another time: those of GPS decay with ``gps_time_s``."""
         fade = math.exp((self.stamp_ns - stamp_ns) * 1e-9 / gps_time_s)
-        north, east, down = self.gps_error_n
-        faded = (north * fade, east * fade, down * fade)
-        return Receivers(stamp_ns, faded, self.antenna_b)
+        (north, east, down), (u, v, w) = self.gps_error_n, self.gps_velocity_error_n
+        faded, slower = (north * fade, east * fade, down * fade), (u * fade, v * fade, w * fade)
+        return self._replace(stamp_ns=stamp_ns, gps_error_n=faded, gps_velocity_error_n=slower)
 
-    def changed(
-        self, gps_error_n: Sequence[float], antenna_b: Sequence[float] = (0.0, 0.0, 0.0)
-    ) -> Receivers:
-        """Return the errors plus the given changes, m."""
-        moved: Vector = tuple(map(operator.add, self.gps_error_n, gps_error_n))
-        place: Vector = tuple(map(operator.add, self.antenna_b, antenna_b))
-        return Receivers(self.stamp_ns, moved, place)
+    def changed(self, error: Array) -> Receivers:
+        """Return the errors plus those in the error states (n,), with the antenna's or without."""
+        e, add = error.tolist(), operator.add
+        moved: Vector = tuple(map(add, self.gps_error_n, e[GPS_ERROR]))
+        offset_m = self.barometer_offset_m + e[BAROMETER_OFFSET.start]
+        faster: Vector = tuple(map(add, self.gps_velocity_error_n, e[GPS_VELOCITY_ERROR]))
+        place: Vector = tuple(map(add, self.antenna_b, e[ANTENNA])) or self.antenna_b
+        delay_s = self.imu_delay_s + e[DELAY]
+        return Receivers(self.stamp_ns, moved, offset_m, faster, place, delay_s)
 
 
 class Reset(NamedTuple):
@@ -198,6 +216,17 @@ class AidStatus(NamedTuple):
         """Return the record of a source."""
         return self.tracks[PLACE[source]]
 
+    def with_imu_delay(self, change_s: float) -> AidStatus:
+        """Return the records with the IMU's delay changed."""
+        receivers = self.receivers
+        delay_s = receivers.imu_delay_s + change_s
+        return self._replace(receivers=receivers._replace(imu_delay_s=delay_s))
+
+    @property
+    def gps_sigmas(self) -> float:
+        """Return the largest slow difference of gps/fix from the state, over its sigma."""
+        return self.track(Source.GPS_POSITION).against[3]
+
     @property
     def pending_step(self) -> tuple[float, ...]:
         """Return the step of RTK's position (m, NED) that is not accepted yet, or ()."""
@@ -228,7 +257,8 @@ class AidStatus(NamedTuple):
         newest, rtk = Reset(source, now_ns, text), self.rtk_resets
         if source in {Source.RTK_POSITION, Source.RTK_VELOCITY}:
             rtk = (*rtk, newest)[-_HOPELESS_RESETS:]
-        return self.with_track(source, AidTrack(now_ns))._replace(
+        track = AidTrack(now_ns, against=self.track(source).against)
+        return self.with_track(source, track)._replace(
             resets=tuple(counts), rtk_resets=rtk, last_reset=newest
         )
 

@@ -200,13 +200,13 @@ class HeadingAid(Aid):
             imu = self._config.imu
             for block, variances in (  # tilt and biases as uncertain as at the start
                 (ATTITUDE, np.full(3, _TILT_SIGMA_RAD**2)),
-                (GYRO_BIAS, imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)),
-                (ACCEL_BIAS, imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)),
+                (GYRO_BIAS, imu.bias_variances[:3]),
+                (ACCEL_BIAS, imu.bias_variances[3:]),
             ):
                 covariance = uncorrelated(covariance, block)
                 covariance[block, block] = np.diag(variances)
-            b, a = state.gyro_bias_b, state.accel_bias_b
-            error[GYRO_BIAS], error[ACCEL_BIAS] = np.negative(b), np.negative(a)
+            error[GYRO_BIAS] = imu.bias_b[:3] - state.gyro_bias_b
+            error[ACCEL_BIAS] = imu.bias_b[3:] - state.accel_bias_b
             lost += [ATTITUDE, GYRO_BIAS, ACCEL_BIAS]
         covariance, transition = uncorrelated(covariance, lost[0]), cut(len(covariance), *lost)
         covariance[2, 2] = aid.measurement.noise[0, 0]

@@ -19,6 +19,7 @@ Each aid's class holds what differs between aids; records, easing and gates are 
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -29,13 +30,17 @@ from tirgeo_ros.core.navigation.aiding.aid import (
     AidSample,
     Fused,
     StateEstimate,
+    added,
 )
 from tirgeo_ros.core.navigation.aiding.aid_status import EASE_STEPS, AidStatus
 from tirgeo_ros.core.navigation.aiding.barometer import BarometerAid
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import HeadingAid
 from tirgeo_ros.core.navigation.aiding.nose_heading import AutopilotHeadingAid, SetHeadingAid
+from tirgeo_ros.core.navigation.aiding.rest import RestAid
 from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid, RtkVelocityAid
+from tirgeo_ros.core.navigation.ins.error_states import DELAY
+from tirgeo_ros.core.navigation.ins.imu_delay import later
 from tirgeo_ros.core.navigation.ins.kalman import update
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
@@ -54,10 +59,12 @@ AIDS: Mapping[Source, type[Aid]] = {
         BarometerAid,
         AutopilotHeadingAid,
         SetHeadingAid,
+        RestAid,
     )
 }
 
-_IMU, _EKF = Source.IMU, tuple(s for s in Source if s is not Source.AUTOPILOT_HEADING)
+_IMU = Source.IMU
+_EKF = tuple(s for s in Source if s not in {Source.AUTOPILOT_HEADING, Source.REST})
 #: The sources that arrive as samples of their own, by method.
 METHOD_SOURCES: Mapping[str, tuple[Source, ...]] = {
     "raw": (_IMU, Source.GPS_POSITION, Source.GPS_VELOCITY),
@@ -72,6 +79,8 @@ EXPECTED: Mapping[str, tuple[Source, ...]] = {
 }
 #: Gate of an aid that has stepped: narrow, so it passes only if the state may be as far off.
 _STEPPED_GATE_SIGMA = 2.0
+#: A delay of the IMU beyond so many of its sigmas is not the IMU's: receivers have delays, too.
+MOST_SIGMAS = 3.0
 #: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
 _LEAST_HOLD_S = 0.2
 
@@ -113,6 +122,7 @@ class Fusion:
         self._models = {source: aid(config) for source, aid in AIDS.items()}
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._gps_time_s = config.gps.position_time_s
+        self._longest_delay_s = MOST_SIGMAS * config.imu.delay_sigma_s
 
     def spare(self, sample: AidSample, aids: AidStatus) -> bool:
         """Return whether a sample would change nothing."""
@@ -126,22 +136,38 @@ class Fusion:
         *,
         stale: bool = False,
         autopilot_q_nb: Array | None = None,
+        motion: Array | None = None,
     ) -> Fused:
         """Return the verdict on a sample, and the estimate after it.
 
         ``angular_rate_b`` (rad/s) has its bias removed. A ``stale`` sample repeats the value of
         the previous one, so its refusal proves less against the state. The autopilot's attitude
-        (4,), wxyz, is consulted if headings contradict the state.
+        (4,), wxyz, is consulted if headings contradict the state. ``motion`` (12,) by
+        ``imu_delay``, if the IMU's delay is estimated: the state is older by that delay.
         """
         if self.spare(sample, estimate.aids):
             return Fused(Verdict(sample.source, Outcome.STANDBY, "not needed"), estimate)
         receivers = estimate.aids.receivers.at(sample.stamp_ns, self._gps_time_s)
         aids = estimate.aids._replace(receivers=receivers)
-        estimate = StateEstimate(estimate.state, estimate.covariance, aids)
-        aid, estimate = self._models[sample.source].measured(sample, estimate, angular_rate_b)
+        model, state, rate_b = self._models[sample.source], estimate.state, angular_rate_b
+        motion, shown = motion if model.by_delay else None, state
+        if motion is not None:
+            shown = later(state, motion, receivers.imu_delay_s)
+            change_b = map(operator.sub, state.gyro_bias_b, shown.gyro_bias_b)
+            rate_b = added(rate_b, tuple(change_b))
+        estimate = StateEstimate(shown, estimate.covariance, aids)
+        aid, estimate = model.measured(sample, estimate, rate_b)
+        estimate = estimate._replace(state=state)
         if isinstance(aid, Verdict):
             return Fused(aid, estimate)
-        return self._judged(aid._replace(stale=stale, autopilot_q_nb=autopilot_q_nb), estimate)
+        if motion is not None:
+            design = aid.measurement.design
+            design[:, DELAY] = design[:, : len(motion)].dot(motion)
+        aid = aid._replace(stale=stale, autopilot_q_nb=autopilot_q_nb)
+        verdict, estimate = self._judged(aid, estimate)
+        if abs(estimate.aids.receivers.imu_delay_s) > self._longest_delay_s:
+            estimate = estimate.without_delay()
+        return Fused(verdict, estimate)
 
     def _judged(self, aid: AidMeasurement, estimate: StateEstimate) -> Fused:
         """Return the estimate after a measurement, or before it if the gates refuse it."""

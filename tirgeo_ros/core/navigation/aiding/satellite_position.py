@@ -27,6 +27,7 @@ continue from where RTK stopped, and the covariance grows as the error wanders.
 from __future__ import annotations
 
 import math
+import operator
 
 import numpy as np
 
@@ -42,7 +43,6 @@ from tirgeo_ros.core.navigation.aiding.aid import (
     added,
     floored,
     not_fixed,
-    uncorrelated,
 )
 from tirgeo_ros.core.navigation.aiding.aid_status import (
     EASE_STEPS,
@@ -69,8 +69,8 @@ from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 #: confirm, is accepted after this time: a short fault of a receiver lasts for a second.
 _COUNTED_STEP_M = 1.0
 _SMALL_STEP_S = 1.2
-#: While RTK is used, the GPS error is learned at this interval: a second less stamp jitter.
-_LEARNING_NS = 950_000_000
+#: Time over which positions are compared with the state.
+_SLOW_NS = 10_000_000_000
 #: Variation of a GPS error that still counts as the same error.
 _SLACK_M = 2.0
 
@@ -236,8 +236,9 @@ class RtkPositionAid(Aid):
         """Set the position; the ordinary GPS did not move, so its estimated error changes."""
         after = super().reset(aid, estimate)
         assert after is not None
-        moved = (-aid.measurement.innovation).tolist()
-        receivers = after.aids.receivers.changed(moved)
+        error = np.zeros(self._states)
+        error[GPS_ERROR] = -aid.measurement.innovation
+        receivers = after.aids.receivers.changed(error)
         return after._replace(aids=after.aids._replace(receivers=receivers))
 
 
@@ -259,12 +260,7 @@ class GpsPositionAid(Aid):
 
     def spare(self, sample: PositionSample, aids: AidStatus) -> bool:
         """Return whether RTK is fixed and used, and the GPS error was learned within a second."""
-        now_ns = sample.stamp_ns
-        return (
-            aids.rtk.status is FixStatus.FIXED
-            and aids.track(Source.RTK_POSITION).recent(now_ns, self._timeout_ns)
-            and aids.track(self.source).recent(now_ns, _LEARNING_NS)
-        )
+        return self.learned(sample, aids)
 
     def measured(
         self, sample: PositionSample, estimate: StateEstimate, _rate_b: Vector
@@ -277,35 +273,40 @@ class GpsPositionAid(Aid):
         innovation = innovation_n(state, sample, added(lever_n, error_n))
         design = arm_design(self._states, lever_n, POSITION.start)
         design[:, GPS_ERROR] = np.eye(3)
-        # Reported variance beyond that of the slow error in the state.
+        # Reported variance beyond that of the slow error in the state: white, and slow as well.
         beyond = np.maximum(np.diagonal(sample.covariance_n) - self._modelled_m2, 0.0)
-        beyond *= self._beyond_factor(estimate.aids, sample.stamp_ns)
-        noise = self._noise + np.diag(beyond)
+        aids, now_ns, time_s = estimate.aids, sample.stamp_ns, self._gps.position_time_s
+        white = beyond.copy()
+        if beyond[2] and self._height_by_pressure(aids, now_ns):
+            white[2] *= white_factor(time_s, now_ns - aids.track(self.source).judged_ns)
+            beyond[2] = 0.0
+        estimate = self.widened(sample, estimate, GPS_ERROR, beyond, time_s)
+        aids = self._compared(added(innovation, error_n), now_ns, aids)
+        estimate = estimate._replace(aids=aids)
+        noise = self._noise + np.diag(white)
         measurement = Measurement(np.array(innovation), design, noise, self._gps.gate_sigma)
         invariant = added(innovation, state.correction_n)
         return AidMeasurement(
             sample.source, sample.stamp_ns, measurement, invariant, state.correction_n, _SLACK_M
         ), estimate
 
-    def _beyond_factor(self, aids: AidStatus, now_ns: int) -> float:
-        """Return the factor on variances beyond the state's: 1 until RTK is missing for long."""
-        used_ns, rtk = aids.track(self.source).used_ns, aids.track(Source.RTK_POSITION)
-        time_s = self._gps.position_time_s
-        if used_ns == NEVER_NS or rtk.recent(now_ns, round(time_s * 1e9)):
-            return 1.0
-        return white_factor(time_s, now_ns - used_ns)
+    def _compared(self, off_n: Vector, now_ns: int, aids: AidStatus) -> AidStatus:
+        """Return the records with the mean of the positions less the state's, without RTK."""
+        if aids.track(Source.RTK_POSITION).used_ns != NEVER_NS:
+            return aids
+        track = aids.track(self.source)
+        share = min((now_ns - track.judged_ns) / _SLOW_NS, 1.0)
+        mean_n = [m + share * (x - m) for m, x in zip(track.against[:3], off_n, strict=True)]
+        sigmas = map(operator.truediv, map(abs, mean_n), self._gps.position_sigma_m)
+        against = (*mean_n, max(track.against[3], *sigmas))
+        return aids.with_track(self.source, track._replace(against=against))
+
+    def _height_by_pressure(self, aids: AidStatus, now_ns: int) -> bool:
+        """Return whether poor heights count by their mean alone: a barometer has their changes."""
+        time_ns = round(self._gps.position_time_s * 1e9)
+        learned = aids.track(Source.RTK_POSITION).recent(now_ns, time_ns)
+        return not learned and aids.track(Source.BAROMETER).recent(now_ns, self._timeout_ns)
 
     def reset(self, aid: AidMeasurement, estimate: StateEstimate) -> StateEstimate:
         """Set the GPS error as measured; the position stays, since the GPS has jumped."""
-        state, aids = estimate.state, estimate.aids
-        innovation, noise = aid.measurement.innovation, aid.measurement.noise
-        covariance = uncorrelated(estimate.covariance, GPS_ERROR)
-        transition = cut(len(covariance), GPS_ERROR)
-        covariance[GPS_ERROR, GPS_ERROR] = noise
-        # Position plus GPS error is measured: an error in one is that of the other, negated.
-        covariance[GPS_ERROR, :] -= covariance[POSITION, :]
-        covariance[:, GPS_ERROR] -= covariance[:, POSITION]
-        transition[GPS_ERROR, POSITION] = -np.eye(3)
-        aids = aids._replace(receivers=aids.receivers.changed(innovation.tolist()))
-        aids = self.with_reset(aids, aid.stamp_ns, float(np.linalg.norm(innovation)))
-        return StateEstimate(state, covariance, aids, (Change(covariance, transition),))
+        return self.blamed(aid, estimate, GPS_ERROR, POSITION, 1.0)

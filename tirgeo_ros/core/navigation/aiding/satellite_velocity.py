@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.config.filter_parameters import GpsConfig
 from tirgeo_ros.core.frames.rotations import rotation_of, skew
 from tirgeo_ros.core.navigation.aiding.aid import (
     Aid,
@@ -31,9 +32,15 @@ from tirgeo_ros.core.navigation.aiding.aid import (
     floored,
     not_fixed,
 )
-from tirgeo_ros.core.navigation.aiding.aid_status import AidStatus
+from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS, AidStatus
 from tirgeo_ros.core.navigation.aiding.satellite_position import arm_design
-from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, VELOCITY, flat_memory, has_antenna
+from tirgeo_ros.core.navigation.ins.error_states import (
+    ANTENNA,
+    GPS_VELOCITY_ERROR,
+    VELOCITY,
+    flat_memory,
+    has_antenna,
+)
 from tirgeo_ros.core.navigation.ins.kalman import Measurement
 from tirgeo_ros.core.navigation.ins.strapdown import Rotation, Vector, cross, matrix, rotate
 from tirgeo_ros.core.types.arrays import Array
@@ -58,6 +65,20 @@ def velocity_design(
     return design
 
 
+def split_velocity_noise(sample: VelocitySample, gps: GpsConfig) -> tuple[Array, Array]:
+    """Return the white noise (3, 3) of a GPS velocity, and the variances (3,) that are not white.
+
+    Those are what a receiver reports beyond ``gps.velocity_error_m_s``: such errors last.
+    """
+    reported = floored(sample.covariance_n, gps.velocity_sigma_floor_m_s)
+    most = max(gps.velocity_error_m_s, gps.velocity_sigma_floor_m_s) ** 2
+    variances = np.diagonal(reported)
+    if max(variances) <= most:
+        return reported, np.zeros(3)
+    white = np.minimum(variances, most)
+    return np.diag(white), variances - white
+
+
 class VelocityAid(Aid):
     """Use the velocities of one receiver."""
 
@@ -71,6 +92,7 @@ class VelocityAid(Aid):
         rtk = self.source is Source.RTK_VELOCITY
         receiver = config.rtk if rtk else config.gps
         self._lever_b: Vector = tuple(config.aircraft.antenna_b(self.source).tolist())
+        self._slow = None if rtk else config.gps
         self._estimates_antenna = rtk and has_antenna(self._states)
         self._floor_m_s = receiver.velocity_sigma_floor_m_s
         self._gate_sigma = receiver.gate_sigma
@@ -89,6 +111,15 @@ class VelocityAid(Aid):
         innovation = north - vn - swing[0], east - ve - swing[1], down - vd - swing[2]
         noise = floored(sample.covariance_n, self._floor_m_s)
         design = velocity_design(self._states, rotation, swing, lever_b)
+        if self._slow:
+            u, v, w = estimate.aids.receivers.gps_velocity_error_n
+            innovation = innovation[0] - u, innovation[1] - v, innovation[2] - w
+            design[:, GPS_VELOCITY_ERROR] = np.eye(3)
+            noise, beyond = split_velocity_noise(sample, self._slow)
+            if estimate.aids.track(Source.RTK_POSITION).used_ns == NEVER_NS:
+                beyond = beyond + self._slow.velocity_error_m_s**2  # nothing else tells
+            time_s = self._slow.position_time_s
+            estimate = self.widened(sample, estimate, GPS_VELOCITY_ERROR, beyond, time_s)
         if self._estimates_antenna:
             design[:, ANTENNA] = matrix(rotation) @ skew(np.array(angular_rate_b))
         measurement = Measurement(np.array(innovation), design, noise, self._gate_sigma)
@@ -139,7 +170,10 @@ class RtkVelocityAid(VelocityAid):
 
 
 class GpsVelocityAid(VelocityAid):
-    """Use velocities of the ordinary GPS while those of RTK are missing."""
+    """Use velocities of the ordinary GPS while those of RTK are missing.
+
+    Without RTK from the start, or with a poor accuracy reported, they have a slow error, a state.
+    """
 
     source = Source.GPS_VELOCITY
     delay = look_at = "gps.delay_s"

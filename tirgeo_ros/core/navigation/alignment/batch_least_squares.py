@@ -65,9 +65,9 @@ class Biases(NamedTuple):
         return np.array([*self.gyro_b, *self.accel_b])
 
     @classmethod
-    def unknown(cls, sigmas: Array) -> Biases:
-        """Return biases of zero with standard deviations (6,)."""
-        return cls((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), np.diag(sigmas**2))
+    def expected(cls, means: Array, variances: Array) -> Biases:
+        """Return biases (6,) with variances (6,)."""
+        return cls(tuple(means[:3].tolist()), tuple(means[3:].tolist()), np.diag(variances))
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,7 +104,7 @@ class TurnOnBiases:
 
     def __init__(self, config: EkfConfig, prior: Biases | None) -> None:
         self._config = config
-        self._prior = prior or _unknown(config)
+        self._prior = prior or Biases.expected(config.imu.bias_b, config.imu.bias_variances)
         self._taken = self._prior.vector
         self.widened = False
         self._doubt = Recurrence()
@@ -127,7 +127,8 @@ class TurnOnBiases:
             if lately and fitted.window.before_s[0] < _LONG_WINDOW_S:
                 raise NotAlignedError("imu/data: alignment takes longer, to find the biases", 4)
             return fitted
-        any_imu = Biases.unknown(np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3))
+        sigmas = np.repeat([_ANY_GYRO_RAD_S, _ANY_ACCEL_M_S2], 3)
+        any_imu = Biases.expected(self._config.imu.bias_b, sigmas**2)
         try:
             loose = self._loosely(measured, any_imu)
         except NotAlignedError:  # biases are not the cause, or not the only one
@@ -154,11 +155,11 @@ class TurnOnBiases:
     def _widen(self, plain: FittedWindow, loose: FittedWindow) -> None:
         """Enlarge the prior to cover the biases of ``loose``, fitted with a prior for any IMU."""
         gyro, accel = self._sizes(plain, loose)
-        sigma = np.sqrt(np.diag(_unknown(self._config).covariance))
+        sigma = np.sqrt(self._config.imu.bias_variances)
         ratio = max(1.0, *(gyro / sigma[:3]))
         larger = max(ratio, *(accel / sigma[3:]))
         scale = _MARGIN * np.repeat([ratio, larger], 3)
-        self._prior = Biases.unknown(scale * sigma)
+        self._prior = Biases.expected(self._config.imu.bias_b, (scale * sigma) ** 2)
         self._taken = loose.fit.biases
         self._motion_reason = (
             f"{self._reason(plain, loose)}: needs motion (turns) to find them, or larger turn-on "
@@ -198,11 +199,3 @@ class TurnOnBiases:
 def _tilt_sigma_rad(fit: WindowFit) -> float:
     """Return the larger sigma of the two tilt angles, the biases' uncertainty included."""
     return float(np.sqrt(max(fit.covariance[0, 0], fit.covariance[1, 1])))
-
-
-def _unknown(config: EkfConfig) -> Biases:
-    """Return the prior before any flight: the turn-on bias and its variation in the run."""
-    imu = config.imu
-    gyro = imu.gyro_turn_on_bias**2 + np.square(imu.gyro_bias_instability)
-    accel = imu.accel_turn_on_bias**2 + np.square(imu.accel_bias_instability)
-    return Biases((0.0,) * 3, (0.0,) * 3, np.diag([*gyro, *accel]))

@@ -46,6 +46,7 @@ from tirgeo_ros.core.navigation.aiding.aid import floored
 from tirgeo_ros.core.navigation.aiding.aid_status import NEVER_NS
 from tirgeo_ros.core.navigation.aiding.dual_antenna_heading import LARGE_TURN_RAD, Baseline
 from tirgeo_ros.core.navigation.aiding.nose_heading import set_variance_rad2
+from tirgeo_ros.core.navigation.aiding.satellite_velocity import split_velocity_noise
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import (
     AlignmentObservation,
     Biases,
@@ -189,10 +190,13 @@ def position_observation(
 
 def velocity_observation(sample: VelocitySample, config: EkfConfig) -> AlignmentObservation:
     """Return an antenna's velocity."""
-    source = config.gps if sample.source is Source.GPS_VELOCITY else config.rtk
     own = sample.stamp_ns, sample.source.topic, ObservationKind.VELOCITY, sample.velocity_n
     arm_b = config.aircraft.antenna_b(sample.source)
-    white = floored(sample.covariance_n, source.velocity_sigma_floor_m_s)
+    if sample.source is Source.GPS_VELOCITY:
+        white, beyond = split_velocity_noise(sample, config.gps)
+        slow = np.sqrt(beyond + config.gps.velocity_error_m_s**2)
+        return AlignmentObservation(*own, arm_b, white, slow, config.gps.position_time_s)
+    white = floored(sample.covariance_n, config.rtk.velocity_sigma_floor_m_s)
     return AlignmentObservation(*own, arm_b, white, np.zeros(3))
 
 

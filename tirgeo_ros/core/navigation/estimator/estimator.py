@@ -30,6 +30,7 @@ from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
 from tirgeo_ros.core.navigation.aiding.aid_status import AID_SOURCES
 from tirgeo_ros.core.navigation.aiding.fusion import AIDS, METHOD_SOURCES, Delays
+from tirgeo_ros.core.navigation.aiding.rest import RestTest
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.estimator.filter_status import FilterHealth, VerdictLog
 from tirgeo_ros.core.navigation.estimator.start_up import StartUp
@@ -110,6 +111,7 @@ class Navigation:
         self._ekf = None
         self._why_again, self._began_again = why, cause if self._filtering else None
         self._start_up = StartUp(self._config, prior)
+        self._rest = RestTest(self._config.imu)
         self._passthrough = UnfilteredSolution(self._config, self._position_source)
         self._repeats = DuplicateDetector()
         self._rate = RateLimit(self._config.publish_rate_hz)
@@ -128,7 +130,9 @@ class Navigation:
         """
         if config.publish_rate_hz != self._config.publish_rate_hz:
             self._rate = RateLimit(config.publish_rate_hz)
-        self._config = config
+        if config.imu != self._config.imu:
+            self._rest = RestTest(config.imu)
+        taken_s, self._config = config.imu.delay_s - self._config.imu.delay_s, config
         self._delays = Delays.from_config(config)
         self._imu_clock.configure(config.max_imu_gap_s)
         for part in (self._health, self._clocks, self._passthrough):
@@ -136,6 +140,8 @@ class Navigation:
         self._in_imu = [aid(config) for aid in AIDS.values() if aid.in_imu]
         if self._ekf is not None:
             self._ekf.configure(config)
+            if taken_s:
+                self._ekf.take_delay(taken_s)
         else:
             self._start_up = StartUp(config, self._start_up.prior)
 
@@ -163,9 +169,13 @@ class Navigation:
         state, reason = self._state()
         resets, last_reset = self._reset_counts()
         now_ns, newest = self._clocks.now_ns, self._newest
+        aids = self._ekf.aids if self._ekf else None
+        refuted = self._health.refuted(aids) if aids else ()
         variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
         sigma_rad = math.nan if variance_rad2 < 0 else math.sqrt(variance_rad2)
-        return NavigationStatus(
+        nis = self._log.nis(now_ns)
+        delay_s, delay_sigma_s = self._ekf.imu_delay_s() if self._ekf else (math.nan, math.nan)
+        status = NavigationStatus(
             self._config.method,
             state,
             reason,
@@ -177,12 +187,25 @@ class Navigation:
             {source.value: number for source, number in resets.items()},
             last_reset,
             dict(self._clipping.counts),
-            (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns)),
-            self._log.nis(now_ns),
+            (*self._clipping.warnings(now_ns), *self._log.warnings(now_ns), *refuted),
+            nis,
             self._ekf.process_noise if self._ekf else "",
             densities(self._ekf.vibration) if self._ekf else (),
             self._began_again,
+            self._config.imu.delay_s + delay_s,
+            delay_sigma_s * math.sqrt(max([1.0, *nis.values()])),
+            aids.gps_sigmas if aids else 0.0,
         )
+        if not status.shows_delay(self._config.imu.delay_s):
+            return status
+        return replace(
+            status, warnings=(*status.warnings, _late(status, self._config.imu.delay_s))
+        )
+
+    @property
+    def biases(self) -> Biases | None:
+        """Return the IMU's biases as the filter has them now; None before it runs."""
+        return self._ekf.biases() if self._ekf else None
 
     def state_and_resets(self) -> tuple[FilterState, int]:
         """Return the state and the number of resets, at a tenth of the cost of ``status``."""
@@ -235,8 +258,7 @@ class Navigation:
             return Step(Verdict(Source.IMU, checked.outcome, checked.reason))
         begins = checked.begins and (self._filtering or checked.outcome is Outcome.TIME_JUMP)
         if begins:
-            prior = self._ekf.biases() if self._ekf else None
-            self._begin(checked.reason, checked.outcome, prior)
+            self._begin(checked.reason, checked.outcome, self.biases)
         self._clocks.take_imu(sample.stamp_ns)
         for accepted in checked.use:
             outcome, reason = self._take_imu(accepted)
@@ -249,10 +271,13 @@ class Navigation:
 
     def _take_imu(self, sample: ImuSample) -> tuple[Outcome, str]:
         """Take a checked sample that continues the time line."""
+        rest = self._rest.add(sample) if self._filtering else None
         if self._ekf is not None:
             clipped = self._clipping.newest_ns and self._clipping.active(sample.stamp_ns)
             for verdict in self._ekf.add_imu(sample, clipped=bool(clipped)):
                 self._count(verdict)
+            if rest is not None:
+                self._count(self._ekf.add_aiding(rest))
             if sample.stamp_ns - self._watched_ns >= _WATCH_NS:
                 self._watch(self._ekf, sample)
             return Outcome.USED, ""
@@ -300,6 +325,7 @@ class Navigation:
         same = self._repeats.compared(sample)
         if same is Same.MEASUREMENT:
             return Verdict(source, Outcome.REPEATED, "the same value as the previous sample")
+        self._rest.watch(sample)
         if not self._filtering:
             verdict = self._passthrough.add_aiding(sample)
         elif self._ekf is not None:
@@ -324,6 +350,8 @@ class Navigation:
         if self._ekf is not None and self._start_up.first_state is not None:
             self._why_again, self._began_again = "", None
             self.plane = self.plane or _plane_at(self._start_up.first_state)
+            rest = self._rest.known(self._ekf.newest_ns)
+            verdicts += [self._ekf.add_aiding(rest)] if rest else []
         for verdict in verdicts:
             self._count(verdict)
 
@@ -361,6 +389,16 @@ class Navigation:
     def _count(self, verdict: Verdict) -> None:
         self.revision += 1
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
+
+
+def _late(status: NavigationStatus, configured_s: float) -> str:
+    """Say what the flight shows of the IMU's delay."""
+    off_ms, sigma_ms = 1e3 * (status.imu_delay_s - configured_s), 1e3 * status.imu_delay_sigma_s
+    way = "later" if off_ms > 0 else "earlier"
+    return (
+        f"imu/data: stamps are {abs(off_ms):.1f} ms {way} than the parameters say (sigma "
+        f"{sigma_ms:.1f} ms): set imu.delay_s to {status.imu_delay_s:.4f}"
+    )
 
 
 def configured_plane(config: EkfConfig) -> TangentPlane | None:

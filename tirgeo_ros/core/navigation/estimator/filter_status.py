@@ -41,6 +41,8 @@ _NIS_CAP = 25.0
 _LEAST_VALUES = 20
 #: A mean NIS above this gives a warning: innovations of twice their sigma.
 _NIS_WARNING = 4.0
+#: A mean difference of gps/fix from the state beyond so many sigmas is a contradiction.
+MOST_GPS_SIGMAS = 3.0
 #: When a sample was not used, and why.
 Unused = tuple[int, str]
 
@@ -124,6 +126,13 @@ class FilterHealth:
         sizes = [f"{max(across):.0f} m"] if max(across) > self._bound_m else []
         sizes += [f"{down:.0f} m in height"] if down > self._bound_m else []
         return f"gps/fix has a sigma of {', '.join(sizes)}" if sizes else ""
+
+    @staticmethod
+    def refuted(aids: AidStatus) -> Iterator[str]:
+        """Yield a warning if positions of the ordinary GPS contradict the state for long."""
+        if aids.gps_sigmas > MOST_GPS_SIGMAS:
+            off = f"{aids.gps_sigmas:.1f} times gps.position_sigma_m off the filter's position"
+            yield f"gps/fix: was {off} for long: look at the receiver and at gps/vel"
 
     def lost(self, aids: AidStatus, covariance: Array) -> str:
         """Return why a state with this error covariance (n, n) cannot be trusted, or ""."""

@@ -23,7 +23,10 @@ All states are truth minus estimate, vectors in ``n`` (biases in ``b``):
 9-11   gyroscope bias             rad/s
 12-14  accelerometer bias         m/s2
 15-17  error of the ordinary GPS  m
-18-20  RTK antenna position in b  m, only if it is not measured
+18     offset of the barometer    m
+19-21  error of GPS velocities    m/s
+22     delay of the IMU's stamps  s
+23-25  RTK antenna position in b  m, only if it is not measured
 =====  =========================  =====
 
 Their dynamics are in ``propagation``.
@@ -47,12 +50,15 @@ POSITION = slice(6, 9)
 GYRO_BIAS = slice(9, 12)
 ACCEL_BIAS = slice(12, 15)
 GPS_ERROR = slice(15, 18)
-ANTENNA = slice(18, 21)
+BAROMETER_OFFSET = slice(18, 19)  # standard height less true height
+GPS_VELOCITY_ERROR = slice(19, 22)
+DELAY = 22
+ANTENNA = slice(23, 26)
 
 
 def states_of(config: EkfConfig) -> int:
     """Return the number of error states that the parameters ask for."""
-    return ANTENNA.stop if config.aircraft.rtk_lever_sigma_b.any() else GPS_ERROR.stop
+    return ANTENNA.stop if config.aircraft.rtk_lever_sigma_b.any() else ANTENNA.start
 
 
 def has_antenna(states: int) -> bool:
@@ -76,13 +82,16 @@ def feedback(state: NavState, error: Array) -> NavState:
     north, east, down = e[6:9]
     latitude = state.latitude_rad + north / (meridian + state.height_m)
     cosine = math.cos(state.latitude_rad)
+    longitude = state.longitude_rad + east / ((transverse + state.height_m) * cosine)
+    if abs(longitude) > math.pi:
+        longitude = math.remainder(longitude, 2 * math.pi)
     v, c, p = state.velocity_n, state.correction_n, state.push_n
     g, a = state.gyro_bias_b, state.accel_bias_b
     return NavState(
         q_nb=normalised(quat_multiply(quaternion_of(e[0], e[1], e[2]), state.q_nb)),
         velocity_n=(v[0] + e[3], v[1] + e[4], v[2] + e[5]),
         latitude_rad=latitude,
-        longitude_rad=state.longitude_rad + east / ((transverse + state.height_m) * cosine),
+        longitude_rad=longitude,
         height_m=state.height_m - down,
         gyro_bias_b=(g[0] + e[9], g[1] + e[10], g[2] + e[11]),
         accel_bias_b=(a[0] + e[12], a[1] + e[13], a[2] + e[14]),

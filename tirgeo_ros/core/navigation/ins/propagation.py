@@ -18,7 +18,8 @@ The covariance follows the state at a lower rate, and at every measurement. With
 ``R_nb_true = exp([phi x]) R_nb``, differentiating the equations of ``strapdown`` gives the matrix
 of the first 15 error states (``error_states``); it is Groves, 2nd ed., section 14.2.4, in metres
 and with the opposite sign of error. The GPS error, like the biases, is a first-order Gauss-Markov
-process; the antenna's position is constant.
+process, as is that of GPS velocities; the barometer's offset is a random walk; the IMU's delay and
+the antenna's position are constant.
 """
 
 from __future__ import annotations
@@ -33,8 +34,12 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import rotation_of
 from tirgeo_ros.core.navigation.ins.error_states import (
+    ACCEL_BIAS,
     ATTITUDE,
+    BAROMETER_OFFSET,
     GPS_ERROR,
+    GPS_VELOCITY_ERROR,
+    GYRO_BIAS,
     POSITION,
     VELOCITY,
     flat_memory,
@@ -45,6 +50,7 @@ from tirgeo_ros.core.navigation.ins.strapdown import NavState, Rates, propagate,
 from tirgeo_ros.core.types.arrays import Array, Rotation, Vector
 from tirgeo_ros.core.types.measurements import ImuSample
 
+_OFFSET = BAROMETER_OFFSET.start
 #: Longest single step of the state.
 _LARGEST_STEP_S = 0.02
 #: Shortest step of the covariance; it gives steps of 50 ms at IMU rates of 100 to 400 Hz.
@@ -60,9 +66,12 @@ _UNIFORM_RMS = 0.58
 
 #: Power densities: gyroscopes x, y, z in rad2/s, accelerometers x, y, z in m2/s3.
 Powers = tuple[float, float, float, float, float, float]
+_Three = tuple[Powers, Powers, Powers]
 STILL: Powers = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 #: Length of the running mean of the IMU's noise.
 _MEMORY_S = 3.0
+#: Shortest time over which readings are averaged: two or three samples of a slow IMU.
+_AVERAGE_S = 0.0245
 #: Noise of clipped accelerometers, m2/s3: PX4's EKF2 uses 4.9 m/s2 over 10 ms, 0.49 m/s/sqrt(s).
 _CLIPPED = 0.49**2
 
@@ -224,19 +233,27 @@ class CovariancePropagation:
         self._identity = np.eye(states)
         self._f, self._q, self._a, self.transition, self._half = np.zeros((5, states, states))
         self._flat_f, self._flat_q = flat_memory(self._f), flat_memory(self._q)
-        imu, gps, antenna = config.imu, config.gps, states - GPS_ERROR.stop
-        sigmas = np.array(
-            [*imu.gyro_bias_instability, *imu.accel_bias_instability, *gps.position_sigma_m]
-            + [0.0] * antenna
-        )
-        times_s = np.array(
-            [*imu.gyro_bias_time_s, *imu.accel_bias_time_s, *[gps.position_time_s] * 3]
-            + [math.inf] * antenna
-        )
-        self._f[range(9, states), range(9, states)] = -1 / times_s
+        imu, gps, barometer = config.imu, config.gps, config.barometer
+        gyros, accels = imu.gyro_turn_on_bias, imu.accel_turn_on_bias
+        # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau). A
+        # bias is driven so too, but its constant part, from turn-on, must not decay: the decay is
+        # what keeps the variance of both parts.
+        driving, kept = np.zeros(states), np.full(states, np.finfo(float).tiny)
+        for block, sigma, time_s, turn_on in (
+            (GYRO_BIAS, imu.gyro_bias_instability, imu.gyro_bias_time_s, gyros),
+            (ACCEL_BIAS, imu.accel_bias_instability, imu.accel_bias_time_s, accels),
+            (GPS_ERROR, gps.position_sigma_m, gps.position_time_s, 0.0),
+        ):
+            driving[block] = np.square(sigma) * 2 / time_s
+            kept[block] += np.square(sigma) + turn_on**2
+        np.fill_diagonal(self._f, -driving / (2 * kept))
+        # Driven as it is used.
+        self._f[GPS_VELOCITY_ERROR, GPS_VELOCITY_ERROR] = -np.eye(3) / gps.position_time_s
         self._noise_powers = NoisePowers(imu)
-        # White noise of density s sqrt(2 / tau) drives a Gauss-Markov state (sigma s, time tau).
-        self._driving = np.diag(np.concatenate([np.zeros(9), sigmas**2 * 2 / times_s]))
+        self._driving = np.diag(driving)
+        self._driving[_OFFSET, _OFFSET] = barometer.density**2
+        # An error of scale lasts: in ``time_s`` it adds up to that of the climb in this time.
+        self._climbing = barometer.scale_sigma**2 * barometer.time_s
 
     def step(
         self,
@@ -262,6 +279,7 @@ class CovariancePropagation:
         transition.dot(covariance, out=self._half)
         out = self._half.dot(transition.T)
         out += self._noise(rates.rotation_nb, step_s, vibration)
+        out[_OFFSET, _OFFSET] += self._climbing * state.velocity_n[2] ** 2 * step_s
         np.add(out, out.T, out=self._half)
         np.multiply(self._half, 0.5, out=out)
         return np.asarray(out)
@@ -348,56 +366,73 @@ def _write_dynamics(
 
 
 class VibrationMeter:
-    """Measure the noise power densities of an IMU, sample by sample."""
+    """Measure the noise power densities of an IMU, sample by sample.
+
+    They follow from second differences of readings. Lines of vibration near half the sampling rate
+    weigh most in these, although their integral stays bounded. They drop out of differences of
+    averages, to which in turn the carrier's motion adds: the smaller density counts.
+    """
 
     def __init__(self, initial: Powers = STILL, initial_s: float = 0.0) -> None:
         """Begin with ``initial`` densities, the mean over ``initial_s`` seconds."""
-        self._means: Powers = initial
+        self._by_samples = self._by_averages = self._smaller = initial
         self._seconds = min(initial_s, _MEMORY_S)
-        self._run = 0  # samples since the last gap, up to 2
-        self._force: Vector = (0.0, 0.0, 0.0)
-        self._rate: Vector = (0.0, 0.0, 0.0)
-        self._force_step: Vector = (0.0, 0.0, 0.0)
-        self._rate_step: Vector = (0.0, 0.0, 0.0)
+        self._readings: _Three = (STILL,) * 3  # the newest: gyroscopes, accelerometers
+        self._averages: _Three = (STILL,) * 3
+        self._averaged = 0  # averages since the last gap
+        self._sums, self._count, self._span_s = STILL, 0, 0.0  # since the last average
 
     def add(self, step_s: float, force_b: Vector, rate_b: Vector) -> Powers:
         """Take a reading, ``step_s`` after the last (m/s2, rad/s); return the mean densities."""
-        fx, fy, fz = force_b
-        wx, wy, wz = rate_b
-        px, py, pz = self._force
-        qx, qy, qz = self._rate
-        f0, f1, f2 = force_step = fx - px, fy - py, fz - pz
-        w0, w1, w2 = rate_step = wx - qx, wy - qy, wz - qz
         if step_s > _LOST_SAMPLES_S:
-            self._run = 0
-        elif self._run == 2:
-            a0, a1, a2 = self._force_step
-            b0, b1, b2 = self._rate_step
-            seconds = self._seconds
-            if seconds < _MEMORY_S:
-                self._seconds = seconds = min(seconds + step_s, _MEMORY_S)
-            share = step_s / seconds
-            scale, keep = share * step_s / 6, 1 - share
-            m0, m1, m2, m3, m4, m5 = self._means
-            w0 -= b0
-            w1 -= b1
-            w2 -= b2
-            f0 -= a0
-            f1 -= a1
-            f2 -= a2
-            self._means = (
-                keep * m0 + scale * w0 * w0,
-                keep * m1 + scale * w1 * w1,
-                keep * m2 + scale * w2 * w2,
-                keep * m3 + scale * f0 * f0,
-                keep * m4 + scale * f1 * f1,
-                keep * m5 + scale * f2 * f2,
-            )
+            self._sums, self._count, self._span_s, self._averaged = STILL, 0, 0.0, 0
         else:
-            self._run += 1
-        self._force, self._rate = force_b, rate_b
-        self._force_step, self._rate_step = force_step, rate_step
-        return self._means
+            self._span_s += step_s
+        p, q, r, u, v, w = self._sums
+        (x, y, z), (a, b, c) = rate_b, force_b
+        _, before, last = self._readings
+        self._readings = before, last, (x, y, z, a, b, c)
+        self._sums = p + x, q + y, r + z, u + a, v + b, w + c
+        self._count += 1
+        if self._span_s >= _AVERAGE_S:
+            self._average(step_s)
+        return self._smaller
+
+    def _average(self, step_s: float) -> None:
+        """End an average; take its second difference, and that of the newest readings."""
+        (x, y, z, a, b, c), n, span_s = self._sums, self._count, self._span_s
+        _, before, last = self._averages
+        self._averages = before, last, (x / n, y / n, z / n, a / n, b / n, c / n)
+        self._averaged += 1
+        if self._averaged >= 3:
+            self._seconds = min(self._seconds + span_s, _MEMORY_S)
+            share = span_s / self._seconds
+            p, q, r, u, v, w = by = _mixed(self._by_samples, self._readings, share, step_s)
+            x, y, z, a, b, c = averaged = _mixed(self._by_averages, self._averages, share, span_s)
+            self._by_samples, self._by_averages = by, averaged
+            self._smaller = min(p, x), min(q, y), min(r, z), min(u, a), min(v, b), min(w, c)
+        self._sums, self._count, self._span_s = STILL, 0, 0.0
+
+
+def _mixed(means: Powers, three: _Three, share: float, step_s: float) -> Powers:
+    """Return mean densities with a share of those by three readings, ``step_s`` apart."""
+    keep, scale = 1 - share, share * step_s / 6
+    m0, m1, m2, m3, m4, m5 = means
+    (a0, a1, a2, a3, a4, a5), (b0, b1, b2, b3, b4, b5), (c0, c1, c2, c3, c4, c5) = three
+    a0 += c0 - 2 * b0
+    a1 += c1 - 2 * b1
+    a2 += c2 - 2 * b2
+    a3 += c3 - 2 * b3
+    a4 += c4 - 2 * b4
+    a5 += c5 - 2 * b5
+    return (
+        keep * m0 + scale * a0 * a0,
+        keep * m1 + scale * a1 * a1,
+        keep * m2 + scale * a2 * a2,
+        keep * m3 + scale * a3 * a3,
+        keep * m4 + scale * a4 * a4,
+        keep * m5 + scale * a5 * a5,
+    )
 
 
 def mean_powers(imu: Sequence[ImuSample]) -> Powers:

@@ -27,10 +27,14 @@ from typing import Any
 import numpy as np
 
 from tirgeo_ros.core.config import EkfConfig
+from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, feedback, has_antenna, states_of
+from tirgeo_ros.core.navigation.ins.error_states import (
+    feedback,
+    states_of,
+)
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
-from tirgeo_ros.core.navigation.timeline.ekf import SolutionMaker, with_pending_step
+from tirgeo_ros.core.navigation.timeline.ekf import Readings, SolutionMaker, with_pending_step
 from tirgeo_ros.core.navigation.timeline.flight_record import CORRECTED, MOVED, FlightRecord
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.measurements import NavigationInput
@@ -101,7 +105,6 @@ class SmoothedRun:
 
     def __init__(self, config: EkfConfig, record: FlightRecord) -> None:
         self._maker = SolutionMaker(config)
-        self._has_antenna = has_antenna(record.states)
         self._square, self._errors = record.square, BackwardPass(record).smoothed()
         # Keep parts only: the record's transitions and measurements are not needed any more.
         self._covariances, self._kinds = record.covariances, record.kinds
@@ -115,15 +118,14 @@ class SmoothedRun:
             raise KeyError(stamp_ns)
         numbers = self._epochs[place].tolist()
         error, covariance = self._error(self._marks[place], numbers[0])
-        vectors = [tuple(numbers[at : at + 3]) for at in range(5, len(numbers), 3)]
-        velocity_n, (latitude, longitude, height), gyro, accel, *rest = vectors
-        rate_b, white_b, antenna_b, step = rest
-        q_nb = tuple(numbers[1:5])
+        vectors = [tuple(numbers[at : at + 3]) for at in range(5, 29, 3)]
+        velocity_n, (latitude, longitude, height), gyro, accel, *readings = vectors
+        q_nb, delay_s, step = tuple(numbers[1:5]), numbers[29], tuple(numbers[30:])
         before = NavState(q_nb, velocity_n, latitude, longitude, height, gyro, accel)
-        if self._has_antenna:
-            antenna_b = tuple((error[ANTENNA] + antenna_b).tolist())
         state = feedback(before, error)
-        solution = self._maker.make(stamp_ns, state, covariance, rate_b, white_b, antenna_b)
+        *readings, antenna_b = readings
+        receivers = Receivers(stamp_ns, antenna_b=antenna_b, imu_delay_s=delay_s).changed(error)
+        solution = self._maker.make(stamp_ns, state, covariance, Readings(*readings), receivers)
         return with_pending_step(solution, step if any(step) else ())
 
     def _error(self, mark: int, lag_s: float) -> tuple[Array, Array]:

@@ -34,19 +34,29 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat, skew
 from tirgeo_ros.core.frames.wgs84 import radii_of_curvature
 from tirgeo_ros.core.navigation.aiding.aid import AidSample, StateEstimate
 from tirgeo_ros.core.navigation.aiding.aid_status import PLACE, AidStatus, AidTrack, Receivers
+from tirgeo_ros.core.navigation.aiding.barometer import UNKNOWN_M
 from tirgeo_ros.core.navigation.aiding.fusion import Fusion, longest_hold_s
 from tirgeo_ros.core.navigation.alignment.aligner import Alignment
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.ins.error_states import (
     ANTENNA,
     ATTITUDE,
+    BAROMETER_OFFSET,
+    DELAY,
     GPS_ERROR,
+    GPS_VELOCITY_ERROR,
     GYRO_BIAS,
     POSITION,
     STATES,
     VELOCITY,
     has_antenna,
     states_of,
+)
+from tirgeo_ros.core.navigation.ins.imu_delay import (
+    later,
+    later_covariance,
+    mean_readings,
+    motion_of,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import (
@@ -66,6 +76,7 @@ from tirgeo_ros.core.types.measurements import ImuSample, Source
 from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
+_AVERAGED_S = 0.04  # of readings before a measurement, for its slope by the IMU's delay
 _MOST_HZ = 500  # bound on the measurements held for each second
 _stamp_of = operator.attrgetter("stamp_ns")
 _ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
@@ -154,9 +165,16 @@ class Ekf:
         """Take the parameters, at the start or in flight; error states must stay the same."""
         self._mechanisation, self._fusion = Propagation(config), Fusion(config)
         self._noise_powers = NoisePowers(config.imu)
+        self._estimates_delay = config.imu.delay_sigma_s > 0
         self._keep_ns = round(config.max_delay_s * 1e9)
         self._hold_ns = round(longest_hold_s(config) * 1e9)
         self._most_held = math.ceil(longest_hold_s(config) * _MOST_HZ)
+
+    def take_delay(self, taken_s: float) -> None:
+        """Reduce the IMU's estimated delay by what the stamps of all later samples lack of it."""
+        self._progress = None
+        for epoch in self._epochs:
+            epoch.aids = epoch.aids.with_imu_delay(-taken_s)
 
     @property
     def newest_ns(self) -> int:
@@ -229,9 +247,9 @@ class Ekf:
         self._catch_up(len(self._epochs) - 1)
         epoch = self._epochs[-1]
         state, covariance = epoch.propagated.state, epoch.propagated.covariance
-        maker, antenna_b = self._maker, epoch.aids.receivers.antenna_b
-        white_b = self._white_b(epoch)
-        solution = maker.make(epoch.stamp_ns, state, covariance, epoch.rate_b, white_b, antenna_b)
+        readings = Readings(epoch.force_b, epoch.rate_b, self._white_b(epoch))
+        receivers = epoch.aids.receivers
+        solution = self._maker.make(epoch.stamp_ns, state, covariance, readings, receivers)
         return with_pending_step(solution, epoch.aids.pending_step)
 
     def _white_b(self, epoch: FilterEpoch) -> Vector:
@@ -263,6 +281,14 @@ class Ekf:
         """Return the source of the process noise: "parameters", or "vibration" if larger."""
         return "vibration" if self._noise_powers.exceeded(self.vibration) else "parameters"
 
+    def imu_delay_s(self) -> tuple[float, float]:
+        """Return the estimated part of the IMU's delay and its sigma; nan if it is exact."""
+        estimate = self.estimate()
+        variance_s2 = float(estimate.covariance[DELAY, DELAY])
+        if not variance_s2 > 0:
+            return math.nan, math.nan
+        return estimate.aids.receivers.imu_delay_s, math.sqrt(variance_s2)
+
     def biases(self) -> Biases:
         """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
         estimate, rows = self.estimate(), slice(GYRO_BIAS.start, GYRO_BIAS.start + 6)
@@ -293,8 +319,7 @@ class Ekf:
             stamp_ns = record.sample.stamp_ns
             now = self._mechanisation.part(now, start, end, now_ns, stamp_ns)
             now_ns = stamp_ns
-            rate_b = between(start, end, now_ns)[1]
-            now, aids = self._applied(record, now, aids, rate_b, end.autopilot_q_nb)
+            now, aids = self._applied(record, now, aids, start, end)
             progress = _Progress(end.stamp_ns, record.order, number, now, aids)
         self._progress = progress
         end.aids = aids
@@ -308,15 +333,25 @@ class Ekf:
         record: HistoryRecord,
         now: Propagated,
         aids: AidStatus,
-        rate_b: Vector,
-        autopilot_q_nb: Array | None,
+        start: FilterEpoch,
+        end: FilterEpoch,
     ) -> tuple[Propagated, AidStatus]:
         now = self._mechanisation.followed(now)
         x, y, z = now.state.gyro_bias_b
         estimate = StateEstimate(now.state, now.covariance, aids)
+        rate_b, motion = between(start, end, record.sample.stamp_ns)[1], None
+        if self._estimates_delay:
+            first = max(0, self._done - round(_AVERAGED_S / end.step_s))
+            force_b, turning_b = mean_readings(self._epochs[first : self._done + 2])
+            motion = motion_of(now.state, force_b, rate_b, turning_b)
         turning_b, stale = (rate_b[0] - x, rate_b[1] - y, rate_b[2] - z), record.stale
         verdict, after = self._fusion.fuse(
-            record.sample, estimate, turning_b, stale=stale, autopilot_q_nb=autopilot_q_nb
+            record.sample,
+            estimate,
+            turning_b,
+            stale=stale,
+            autopilot_q_nb=end.autopilot_q_nb,
+            motion=motion,
         )
         self._set_verdict(record, verdict)
         trail = now.trail
@@ -351,12 +386,21 @@ class Ekf:
                 self._record.keep(epoch, epoch.aids, self._white_b(epoch))
 
 
+class Readings(NamedTuple):
+    """Hold the IMU's readings at a stamp, with their biases, and the noise of the rate."""
+
+    force_b: Vector  # m/s2
+    rate_b: Vector  # rad/s
+    white_b: Vector  # variances of the rate's white noise, (rad/s)^2
+
+
 class SolutionMaker:
     """Make solutions in the form that the parameters ask for."""
 
     def __init__(self, config: EkfConfig) -> None:
         states = states_of(config)
         self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
+        self._estimates_delay = config.imu.delay_sigma_s > 0
         # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
         self._entries = states * _ROWS[:, None] + _ROWS
 
@@ -365,16 +409,19 @@ class SolutionMaker:
         stamp_ns: int,
         state: NavState,
         covariance: Array,
-        rate_b: Vector,
-        white_b: Vector,
-        antenna_b: Vector,
+        readings: Readings,
+        receivers: Receivers,
     ) -> NavSolution:
         """Return the solution of a state and the covariance (n, n) of its error.
 
-        ``rate_b`` is the angular rate as read (rad/s), ``white_b`` the variances of its white
-        noise, ``antenna_b`` the estimated part of the RTK antenna's position (m).
+        The state is older than its stamp by the estimated delay of the IMU.
         """
-        bias, (x, y, z), item = state.gyro_bias_b, white_b, covariance.item
+        rate_b = readings.rate_b
+        if self._estimates_delay:
+            motion = motion_of(state, readings.force_b, rate_b)
+            state = later(state, motion, receivers.imu_delay_s)
+            covariance = later_covariance(covariance, motion)
+        bias, (x, y, z), item = state.gyro_bias_b, readings.white_b, covariance.item
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
         vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
         fields = (
@@ -389,7 +436,7 @@ class SolutionMaker:
             covariance.take(self._entries),
         )
         solution: NavSolution = tuple.__new__(NavSolution, fields)  # at half the cost
-        return at_antenna(solution, covariance, antenna_b) if self._at_antenna else solution
+        return at_antenna(solution, covariance, receivers) if self._at_antenna else solution
 
 
 def with_pending_step(solution: NavSolution, step: tuple[float, ...]) -> NavSolution:
@@ -399,16 +446,16 @@ def with_pending_step(solution: NavSolution, step: tuple[float, ...]) -> NavSolu
     return solution
 
 
-def at_antenna(imu: NavSolution, covariance: Array, antenna_b: Vector) -> NavSolution:
+def at_antenna(imu: NavSolution, covariance: Array, receivers: Receivers) -> NavSolution:
     """Return the solution of the antenna from that of the IMU.
 
     A configured lever arm of zeros that nobody has measured means that the origin of ``base_link``
     is the antenna. The filter's state is that of the IMU, which is elsewhere.
-    ``covariance`` (n, n) is the filter's, the lever arm ``antenna_b`` (m) among its error states.
+    ``covariance`` (n, n) is the filter's, the antenna's position among its error states.
     With ``l`` from IMU to antenna in ``b``, the position is ``p + R l`` and the velocity
     ``v + R (w x l)`` (Groves, 2nd ed., 14.3.4). The covariance (9, 9) follows to first order.
     """
-    lever_b = np.array(antenna_b)
+    lever_b = np.array(receivers.antenna_b)
     rotation_nb = matrix_from_quat(imu.q_nb)
     lever_n = rotation_nb @ lever_b
     swing_n = rotation_nb @ np.cross(imu.angular_rate_b, lever_b)
@@ -436,6 +483,8 @@ def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
     covariance = np.zeros((states, states))
     covariance[:STATES, :STATES] = alignment.covariance
     covariance[GPS_ERROR, GPS_ERROR] = np.diag(np.square(config.gps.position_sigma_m))
+    covariance[DELAY, DELAY] = config.imu.delay_sigma_s**2
+    covariance[BAROMETER_OFFSET, BAROMETER_OFFSET] = UNKNOWN_M**2
     if has_antenna(states):
         effect = np.zeros((states, 3))
         effect[ANTENNA] = np.eye(3)
@@ -447,12 +496,16 @@ def initial_estimate(config: EkfConfig, alignment: Alignment) -> StateEstimate:
         aids = aids.with_track(source, AidTrack(alignment.stamp_ns))
     if alignment.rtk_status is not None:
         aids = aids.with_status(alignment.rtk_status, alignment.stamp_ns, 0)
-    if Source.GPS_POSITION in alignment.sources:
-        # The position came from the GPS: its error (truth - estimate) is the GPS's error, negated.
-        gps_m2 = covariance[GPS_ERROR, GPS_ERROR]
-        covariance[POSITION, GPS_ERROR] = covariance[GPS_ERROR, POSITION] = -gps_m2
-        noise_m2 = config.gps.position_noise_m**2
-        least = np.diag(gps_m2) + noise_m2
-        position = covariance[POSITION, POSITION]
-        np.fill_diagonal(position, np.maximum(np.diag(position), least))
+    gps = config.gps
+    for source, state, error, least, noise in (
+        (Source.GPS_POSITION, POSITION, GPS_ERROR, gps.position_sigma_m, gps.position_noise_m),
+        (Source.GPS_VELOCITY, VELOCITY, GPS_VELOCITY_ERROR, 0.0, gps.velocity_error_m_s),
+    ):
+        if source in alignment.sources:
+            # The state came from the GPS: its error (truth - estimate) is the GPS's, negated.
+            own = covariance[state, state]
+            np.fill_diagonal(own, np.maximum(np.diag(own), np.square(least)))
+            covariance[error, :] = -covariance[state, :]
+            covariance[:, error] = -covariance[:, state]
+            covariance[error, error] = own + np.eye(3) * noise**2
     return StateEstimate(alignment.state, covariance, aids)

@@ -32,7 +32,7 @@ SAME, MOVED, CORRECTED = range(3)
 MOST_ROWS = 3
 _NO_STEP = (0.0, 0.0, 0.0)
 #: Number of values of an epoch (see ``_epoch_values``).
-EPOCH_NUMBERS = 29
+EPOCH_NUMBERS = 33
 
 
 class FlightRecord:
@@ -121,7 +121,7 @@ def _whitened(correction: Correction) -> Array:
 
 
 def _epoch_values(epoch: Epoch, aids: AidStatus, white_b: Vector) -> tuple[float, ...]:
-    """Return an epoch's lag, state, angular rate and the other values that a solution needs."""
+    """Return an epoch's lag, state, readings and the other values that a solution needs."""
     state = epoch.propagated.state
     return (
         epoch.propagated.lag_s,
@@ -132,8 +132,10 @@ def _epoch_values(epoch: Epoch, aids: AidStatus, white_b: Vector) -> tuple[float
         state.height_m,
         *state.gyro_bias_b,
         *state.accel_bias_b,
+        *epoch.force_b,
         *epoch.rate_b,
         *white_b,
         *aids.receivers.antenna_b,
+        aids.receivers.imu_delay_s,
         *(aids.pending_step or _NO_STEP),
     )

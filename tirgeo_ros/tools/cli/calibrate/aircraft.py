@@ -15,9 +15,10 @@
 r"""Find antennas, delays and the IMU's level from an ordinary flight.
 
 Finds from a flight with turns, without any point on the ground, where the RTK antenna is, where
-the two antennas point, how late positions, velocities and headings are against the IMU, and how
-the IMU is tilted against the autopilot's level. If the flight does not determine a parameter, the
-result names it, and what to fly for it. Give the file to --params and to the nodes after the
+the two antennas point, and how late positions, velocities and headings are against the IMU; with
+--level also how the IMU is tilted against the autopilot. If the flight does not determine a
+parameter, the result names it, and what to fly for it. Several flights also tell the biases of
+the IMU that the next flight begins with. Give the file to --params and to the nodes after the
 aircraft's own file.
 
 example:
@@ -33,18 +34,29 @@ from typing import Any
 from tirgeo_ros.tools.cli._verb import BAG, NAMESPACE, PARAMS, call, names_of
 
 _DELAYS = ("position_delay", "velocity_delay", "heading_delay")
-_NAMES = ("antenna", "baseline", *_DELAYS, "level", "rtk")
+_NAMES = ("antenna", "baseline", *_DELAYS, "rtk")
 _HOLD_HELP = (
     f"values to keep, of {', '.join(_NAMES)}, separated by commas. Only differences of delays can "
     "be found: by default the IMU's delay is kept; rtk keeps the delay of positions and finds the "
     "IMU's delay"
 )
+_MORE_HELP = (
+    "other flights of the aircraft: their IMU's biases and the first flight's make the mean and "
+    "the sigma that the next flight begins with; the other values come from the first flight"
+)
+_LEVEL_HELP = (
+    "find roll and pitch of the IMU's mounting (aircraft.imu_rpy_deg) too, against the "
+    "autopilot's attitude, whose own error of level goes into them; calibrate the boresight again "
+    "afterwards"
+)
 OPTIONS = (
     *BAG,
+    ("more", "BAG", _MORE_HELP, {"nargs": "*"}),
     ("-o --output", "YAML", "parameter file to write (default: show only)"),
     *PARAMS,
     *NAMESPACE,
     ("--hold", "NAMES", _HOLD_HELP, {"type": names_of(_NAMES), "default": []}),
+    ("--level", None, _LEVEL_HELP),
 )
 
 
