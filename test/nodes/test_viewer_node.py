@@ -208,7 +208,8 @@ def what_others_read_of_a_target(fleet, target):
     marks, texts = (
         fleet.stranger.received[f"uav2/tirgeo/targets{end}"] for end in ("/markers", "")
     )
-    fleet.until(lambda: marks and texts and len(marks[-1].markers) == 3)
+    fleet.until(lambda: marks and len(marks[-1].markers) == 3)
+    fleet.until(lambda: texts and targets_of(texts[-1]))
     (sent,) = targets_of(texts[-1])
     assert (sent.id, sent.label) == (target["id"], marks[-1].markers[1].text)
     assert sent.place.latitude_deg == target["latitude_deg"]
