@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from tirgeo_ros.core.types.measurements import FixStatus, Source
 
@@ -119,9 +119,13 @@ class NavigationStatus:
     imu_delay_sigma_s: float = math.nan
     gps_sigmas: float = 0.0  # largest slow difference of gps/fix from the state, over its sigma
 
-    def shows_delay(self, configured_s: float) -> bool:
-        """Return whether the flight shows another delay than the configured one, at 3 sigma."""
-        return abs(self.imu_delay_s - configured_s) > 3 * self.imu_delay_sigma_s
+    def late_imu(self, configured_s: float) -> dict[str, Any]:
+        """Return how far the IMU's delay is from the configured one; empty up to 3 sigma."""
+        off_s, sigma_s = self.imu_delay_s - configured_s, self.imu_delay_sigma_s
+        if not abs(off_s) > 3 * sigma_s:
+            return {}
+        sizes = {"size_s": abs(off_s), "size_ms": 1e3 * abs(off_s), "sigma_ms": 1e3 * sigma_s}
+        return sizes | {"way": "later" if off_s > 0 else "earlier", "delay_s": self.imu_delay_s}
 
     @property
     def for_operator(self) -> str:

@@ -44,9 +44,10 @@ from tirgeo_ros.core.calibration.aircraft_parameters import (
     baseline_b,
 )
 from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longest_piece
-from tirgeo_ros.core.config import AircraftConfig, EkfConfig
+from tirgeo_ros.core.config import AircraftConfig, EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, flu_from_frd, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
+from tirgeo_ros.core.navigation.aiding.fusion import MOST_SIGMAS
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
@@ -81,8 +82,9 @@ HOLDS = {
 KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
     LEVEL, "aircraft.imu_rpy_deg"
 )
-#: Delays that differ by less than so many sigmas are alike; and the longest delay of an IMU.
-_SIGMAS, _LONGEST_IMU_S = 3.0, 0.015
+#: Delays that differ by less than so many sigmas are alike.
+_SIGMAS = 3.0
+_LONGEST_IMU_S = MOST_SIGMAS * ImuConfig().delay_sigma_s
 _TURNED = (
     "aircraft.imu_rpy_deg turns base_link, in which the boresight is measured: calibrate the "
     "boresight again with this file"

@@ -25,7 +25,6 @@ import numpy as np
 from tirgeo_ros.core.checks.finding_table import finding
 from tirgeo_ros.core.navigation.estimator.filter_status import MOST_GPS_SIGMAS
 from tirgeo_ros.core.types.finding import Finding, sorted_findings, stop_line
-from tirgeo_ros.core.types.verdicts import NavigationStatus
 from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.elevation.elevation_model import ground_of
 from tirgeo_ros.io.files.whole_files import PathLike
@@ -90,8 +89,8 @@ def check(
     if turned["pairs"] >= _LEAST_PAIRS and turned["sigmas"] > _MOST_SIGMAS:
         findings.append(finding("pictures_disagree", **turned))
     status = poses.registration.navigation.status()
-    if status.shows_delay(configs.ekf.imu.delay_s):
-        findings.append(_late(status, configs.ekf.imu.delay_s))
+    if late := status.late_imu(configs.ekf.imu.delay_s):
+        findings.append(finding("imu_late", **late))
     if status.gps_sigmas > MOST_GPS_SIGMAS:
         findings.append(finding("gps_contradiction", sigmas=status.gps_sigmas))
     if not counts["solutions"] and stop_line(findings) is None:
@@ -106,14 +105,6 @@ def check(
         "notes": opened.notes,
         "error": stop_line(findings),
     }
-
-
-def _late(status: NavigationStatus, configured_s: float) -> Finding:
-    """Return the finding that the IMU's stamps have another delay than the configured one."""
-    delay_s = status.imu_delay_s
-    off_s, sigma_ms = delay_s - configured_s, 1e3 * status.imu_delay_sigma_s
-    size = {"size_s": abs(off_s), "size_ms": 1e3 * abs(off_s), "sigma_ms": sigma_ms}
-    return finding("imu_late", **size, way="later" if off_s > 0 else "earlier", delay_s=delay_s)
 
 
 def _numbers(reader: BagReader, poses: FlightPoses, checks: FlightChecks) -> dict[str, object]:

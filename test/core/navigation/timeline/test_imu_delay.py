@@ -26,7 +26,12 @@ from filter_states import state_of
 from dev.flight_errors import errors, fitting_config, navigation_samples, published
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, DELAY
-from tirgeo_ros.core.navigation.ins.imu_delay import later, later_covariance, motion_of
+from tirgeo_ros.core.navigation.ins.imu_delay import (
+    later,
+    later_covariance,
+    motion_of,
+    weighed,
+)
 from tirgeo_ros.core.navigation.ins.strapdown import propagate
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
@@ -57,6 +62,30 @@ def test_the_covariance_moved_on_is_that_of_the_moved_state():
     np.testing.assert_allclose(later_covariance(root @ root.T, motion), expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize(("delay_s", "share"), [(0.0, 0.957), (0.005, 0.497), (0.008, 0.0075)])
+def test_the_stamps_may_be_on_time(delay_s, share):
+    """Shares are 1 / (1 + 1 / odds), odds 9 x 5 / 2 x exp(-d^2 / 2 s^2) with s = 2 ms."""
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(ANTENNA.stop, ANTENNA.stop))
+    covariance = root @ root.T
+    covariance *= 0.002**2 / covariance[DELAY, DELAY]
+    gain = covariance[:, DELAY] / covariance[DELAY, DELAY]
+    on_time = -gain * delay_s  # from the filter's estimate; its covariance:
+    known = covariance - np.outer(gain, covariance[DELAY])
+    error, mixed = weighed(covariance, delay_s, 0.005)
+    np.testing.assert_allclose(error, share * on_time, rtol=0.01)
+    # Of two means that are on_time apart the variance is share (1 - share) on_time^2.
+    spread = share * (1 - share) * np.outer(on_time, on_time)
+    expected = share * known + (1 - share) * covariance + spread
+    np.testing.assert_allclose(mixed, expected, atol=0.01 * np.abs(expected).max())
+
+
+def test_a_delay_that_is_known_weighs_nothing():
+    error, mixed = weighed(np.zeros((ANTENNA.stop, ANTENNA.stop)), 0.0, 0.005)
+    assert not error.any()
+    assert not mixed.any()
+
+
 @functools.cache
 def flown(seed: int, delay_s: float, shape: str = "lawnmower", seconds: float = 107.0):
     """A flight whose IMU is late, and which nobody told so."""
@@ -74,7 +103,7 @@ def test_turns_show_the_delay():
     status = status_of(flown(4, 0.007, "figure_eight", 90.0))
     assert status.imu_delay_sigma_s < 0.0017
     assert abs(status.imu_delay_s - 0.007) < 3 * status.imu_delay_sigma_s
-    assert status.shows_delay(0.0)
+    assert status.late_imu(0.0)
     assert "set imu.delay_s to 0.00" in "; ".join(status.warnings)
 
 
@@ -88,14 +117,14 @@ def test_a_delay_that_is_set_in_flight_is_not_taken_twice():
     published(navigation, samples[half : half + 10])
     # The whole delay stays: a hundredth of a second's measurements change it little.
     assert navigation.status().imu_delay_s == pytest.approx(before_s, abs=2e-4)
-    assert not navigation.status().shows_delay(round(before_s, 4))
+    assert not navigation.status().late_imu(round(before_s, 4))
 
 
 def test_a_delay_that_no_imu_has_is_left_to_the_receivers():
     """RTK stamped 40 ms early looks like an IMU that is late: attitudes stay as they are."""
     status = status_of(flown(4, 0.04, "figure_eight", 60.0))
     assert math.isnan(status.imu_delay_s)
-    assert not status.shows_delay(0.0)
+    assert not status.late_imu(0.0)
 
 
 def test_a_delay_that_is_exact_is_not_estimated():
@@ -127,7 +156,7 @@ def test_ten_flights_show_their_delay(shape, seconds, delay_s, sigma_s):
     # Ten flights of 1.5 ms each: 0.5 ms; and the prior of 5 ms draws 7 ms by 0.6 ms to zero.
     assert abs(delays_s.mean() - delay_s) < 0.001
     assert (np.abs(delays_s - delay_s) < 3 * sigmas_s).all()
-    assert delay_s > 0 or not any(status.shows_delay(0.0) for status in every)
+    assert delay_s > 0 or not any(status.late_imu(0.0) for status in every)
 
 
 def late_errors(seed: int, smooth: bool):

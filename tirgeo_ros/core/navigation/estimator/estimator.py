@@ -59,6 +59,10 @@ _WATCH_NS = 100_000_000
 _DISORDER_NS = 1_000_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _IMU_KEY = (Source.IMU, Outcome.USED)
+_LATE = (
+    "imu/data: stamps are {size_ms:.1f} ms {way} than the parameters say (sigma {sigma_ms:.1f} "
+    "ms): set imu.delay_s to {delay_s:.4f}"
+)
 
 
 class Step(NamedTuple):
@@ -196,10 +200,9 @@ class Navigation:
             delay_sigma_s * math.sqrt(max([1.0, *nis.values()])),
             aids.gps_sigmas if aids else 0.0,
         )
-        if not status.shows_delay(self._config.imu.delay_s):
-            return status
-        return replace(
-            status, warnings=(*status.warnings, _late(status, self._config.imu.delay_s))
+        late = status.late_imu(self._config.imu.delay_s)
+        return (
+            replace(status, warnings=(*status.warnings, _LATE.format(**late))) if late else status
         )
 
     @property
@@ -389,16 +392,6 @@ class Navigation:
     def _count(self, verdict: Verdict) -> None:
         self.revision += 1
         self._log.add(verdict, self._clocks.imu_ns or self._clocks.aid_ns)
-
-
-def _late(status: NavigationStatus, configured_s: float) -> str:
-    """Say what the flight shows of the IMU's delay."""
-    off_ms, sigma_ms = 1e3 * (status.imu_delay_s - configured_s), 1e3 * status.imu_delay_sigma_s
-    way = "later" if off_ms > 0 else "earlier"
-    return (
-        f"imu/data: stamps are {abs(off_ms):.1f} ms {way} than the parameters say (sigma "
-        f"{sigma_ms:.1f} ms): set imu.delay_s to {status.imu_delay_s:.4f}"
-    )
 
 
 def configured_plane(config: EkfConfig) -> TangentPlane | None:

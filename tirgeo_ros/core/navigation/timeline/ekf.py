@@ -57,6 +57,7 @@ from tirgeo_ros.core.navigation.ins.imu_delay import (
     later_covariance,
     mean_readings,
     motion_of,
+    weighed,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import (
@@ -400,7 +401,7 @@ class SolutionMaker:
     def __init__(self, config: EkfConfig) -> None:
         states = states_of(config)
         self._at_antenna = has_antenna(states) and not config.aircraft.rtk_lever_b.any()
-        self._estimates_delay = config.imu.delay_sigma_s > 0
+        self._delay_sigma_s = config.imu.delay_sigma_s
         # Flat indices of the solution's covariance (9, 9) in the filter's covariance.
         self._entries = states * _ROWS[:, None] + _ROWS
 
@@ -417,9 +418,11 @@ class SolutionMaker:
         The state is older than its stamp by the estimated delay of the IMU.
         """
         rate_b = readings.rate_b
-        if self._estimates_delay:
+        if self._delay_sigma_s > 0:
+            error, covariance = weighed(covariance, receivers.imu_delay_s, self._delay_sigma_s)
+            receivers = receivers.changed(error)
             motion = motion_of(state, readings.force_b, rate_b)
-            state = later(state, motion, receivers.imu_delay_s)
+            state = later(state, motion, receivers.imu_delay_s, error)
             covariance = later_covariance(covariance, motion)
         bias, (x, y, z), item = state.gyro_bias_b, readings.white_b, covariance.item
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
