@@ -62,9 +62,9 @@ def test_the_covariance_moved_on_is_that_of_the_moved_state():
     np.testing.assert_allclose(later_covariance(root @ root.T, motion), expected, rtol=1e-12)
 
 
-@pytest.mark.parametrize(("delay_s", "share"), [(0.0, 0.957), (0.005, 0.497), (0.008, 0.0075)])
+@pytest.mark.parametrize(("delay_s", "share"), [(0.0, 0.789), (0.005, 0.1415), (0.008, 0.00126)])
 def test_the_stamps_may_be_on_time(delay_s, share):
-    """Shares are 1 / (1 + 1 / odds), odds 9 x 5 / 2 x exp(-d^2 / 2 s^2) with s = 2 ms."""
+    """Shares are 1 / (1 + 1 / odds), odds 0.6 / 0.4 x 5 / 2 x exp(-d^2 / 2 s^2) with s = 2 ms."""
     rng = np.random.default_rng(4)
     root = rng.normal(size=(ANTENNA.stop, ANTENNA.stop))
     covariance = root @ root.T
