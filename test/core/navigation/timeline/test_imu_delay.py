@@ -26,12 +26,7 @@ from filter_states import state_of
 from dev.flight_errors import errors, fitting_config, navigation_samples, published
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, DELAY
-from tirgeo_ros.core.navigation.ins.imu_delay import (
-    later,
-    later_covariance,
-    motion_of,
-    weighed,
-)
+from tirgeo_ros.core.navigation.ins.imu_delay import later, motion_of, published as published_at
 from tirgeo_ros.core.navigation.ins.strapdown import propagate
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.tools.simulate.flight import SimulatedFlight, fly
@@ -52,38 +47,35 @@ def test_a_state_moved_on_is_one_that_was_propagated():
     assert moved.correction_n == state.correction_n  # no measurement has moved it
 
 
-def test_the_covariance_moved_on_is_that_of_the_moved_state():
-    rng = np.random.default_rng(3)
-    root = rng.normal(size=(ANTENNA.stop, ANTENNA.stop))
-    motion = rng.normal(size=12)
-    by_error = np.eye(ANTENNA.stop)
-    by_error[:12, DELAY] += motion
-    expected = by_error @ root @ root.T @ by_error.T
-    np.testing.assert_allclose(later_covariance(root @ root.T, motion), expected, rtol=1e-12)
-
-
 @pytest.mark.parametrize(("delay_s", "share"), [(0.0, 0.789), (0.005, 0.1415), (0.008, 0.00126)])
 def test_the_stamps_may_be_on_time(delay_s, share):
     """Shares are 1 / (1 + 1 / odds), odds 0.6 / 0.4 x 5 / 2 x exp(-d^2 / 2 s^2) with s = 2 ms."""
     rng = np.random.default_rng(4)
-    root = rng.normal(size=(ANTENNA.stop, ANTENNA.stop))
+    root, motion = rng.normal(size=(ANTENNA.stop, ANTENNA.stop)), rng.normal(size=12)
     covariance = root @ root.T
     covariance *= 0.002**2 / covariance[DELAY, DELAY]
     gain = covariance[:, DELAY] / covariance[DELAY, DELAY]
     on_time = -gain * delay_s  # from the filter's estimate; its covariance:
     known = covariance - np.outer(gain, covariance[DELAY])
-    error, mixed = weighed(covariance, delay_s, 0.005)
-    np.testing.assert_allclose(error, share * on_time, rtol=0.01)
     # Of two means that are on_time apart the variance is share (1 - share) on_time^2.
     spread = share * (1 - share) * np.outer(on_time, on_time)
-    expected = share * known + (1 - share) * covariance + spread
-    np.testing.assert_allclose(mixed, expected, atol=0.01 * np.abs(expected).max())
+    mixed = share * known + (1 - share) * covariance + spread
+    later_by = np.eye(ANTENNA.stop)
+    later_by[:12, DELAY] += motion
+    moved = share * on_time
+    moved[:12] += (1 - share) * delay_s * motion
+    error, published_covariance = published_at(covariance, motion, delay_s, 0.005)
+    np.testing.assert_allclose(error, moved, rtol=0.01)
+    expected = later_by @ mixed @ later_by.T
+    np.testing.assert_allclose(published_covariance, expected, atol=0.01 * expected.max())
+    assert np.array_equal(published_covariance, published_covariance.T)
 
 
-def test_a_delay_that_is_known_weighs_nothing():
-    error, mixed = weighed(np.zeros((ANTENNA.stop, ANTENNA.stop)), 0.0, 0.005)
+def test_a_delay_that_is_known_moves_nothing():
+    covariance, motion = np.zeros((ANTENNA.stop, ANTENNA.stop)), np.ones(12)
+    error, published_covariance = published_at(covariance, motion, 0.0, 0.005)
     assert not error.any()
-    assert not mixed.any()
+    assert not published_covariance.any()
 
 
 @functools.cache

@@ -69,38 +69,38 @@ def motion_of(
     return np.array((*turn, north, east, down, *state.velocity_n, -x, -y, -z))
 
 
-def later(state: NavState, motion: Array, delay_s: float, error: Array | None = None) -> NavState:
-    """Return a state corrected by an error (n,) and moved on by a delay; its sums stay."""
-    change = np.zeros(15) if error is None else error.copy()
-    change[: len(motion)] += delay_s * motion
+def later(state: NavState, motion: Array, delay_s: float) -> NavState:
+    """Return a state moved on by a delay; its sums of corrections stay."""
+    change = np.zeros(15)
+    np.multiply(motion, delay_s, out=change[: len(motion)])
     moved = feedback(state, change)
     return moved._replace(correction_n=state.correction_n, push_n=state.push_n)
 
 
-def weighed(covariance: Array, delay_s: float, prior_s: float) -> tuple[Array, Array]:
-    """Return the error (n,) and the covariance (n, n) if the stamps may be on time as well.
+def published(
+    covariance: Array, motion: Array, delay_s: float, prior_s: float
+) -> tuple[Array, Array]:
+    """Return the error (n,) of the state at a stamp, and its covariance (n, n) once corrected.
 
     The filter takes the delay as unknown by ``prior_s``. But most aircraft have none, and their
     poses would suffer from the noise of its estimate. So there are two hypotheses: the filter's
     estimate, and the same under the condition that the delay is zero. A flight changes their odds
     by the delay's probability density at zero, after the flight over before it (Dickey, J. M.,
-    1971, The weighted likelihood ratio). Returned are the hypotheses' mean, as an error of the
-    filter's estimate, and the covariance about it.
+    1971, The weighted likelihood ratio). Published is their mean, moved on by the delay.
     """
-    of_delay, variance = covariance[DELAY], float(covariance[DELAY, DELAY])
-    if not variance > 0:
-        return np.zeros(len(covariance)), covariance
-    square = delay_s**2 / variance
-    odds = _ON_TIME / (1 - _ON_TIME) * prior_s / math.sqrt(variance) * math.exp(-0.5 * square)
-    weight = odds / (1 + odds)
-    known = weight / variance * (1 - (1 - weight) * square)
-    error = (-weight * delay_s / variance) * of_delay
-    return error, covariance - known * np.outer(of_delay, of_delay)
-
-
-def later_covariance(covariance: Array, motion: Array) -> Array:
-    """Return the covariance (n, n) of a state that was moved on by the delay."""
-    delay, rates = covariance[DELAY], np.zeros(len(covariance))
-    rates[: len(motion)] = motion
-    half = np.outer(rates, delay + (0.5 * delay[DELAY]) * rates)
-    return np.asarray(covariance + (half + half.T))
+    of_delay, variance = covariance[DELAY], covariance.item(DELAY, DELAY)
+    weight = known = gain = 0.0
+    if variance > 0:
+        square = delay_s**2 / variance
+        odds = _ON_TIME / (1 - _ON_TIME) * prior_s / math.sqrt(variance) * math.exp(-0.5 * square)
+        weight = odds / (1 + odds)
+        gain = -weight * delay_s / variance
+        # The mean has the covariance P - known c c^T, with the column c of the delay.
+        known = weight / variance * (1 - (1 - weight) * square)
+    rows = np.zeros((2, len(covariance)))  # motion, and the delay's column
+    rows[0, : len(motion)], rows[1] = motion, of_delay
+    error = rows.T.dot((delay_s * (1 - weight), gain))
+    # Twice the symmetric half of: motion times the column, of what is left of the column.
+    left = 1 - known * variance
+    half = rows.T.dot(np.array(((0.5 * left * variance, left), (0.0, -0.5 * known))).dot(rows))
+    return error, np.asarray(covariance + (half + half.T))

@@ -49,15 +49,14 @@ from tirgeo_ros.core.navigation.ins.error_states import (
     POSITION,
     STATES,
     VELOCITY,
+    feedback,
     has_antenna,
     states_of,
 )
 from tirgeo_ros.core.navigation.ins.imu_delay import (
-    later,
-    later_covariance,
     mean_readings,
     motion_of,
-    weighed,
+    published,
 )
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import (
@@ -419,11 +418,11 @@ class SolutionMaker:
         """
         rate_b = readings.rate_b
         if self._delay_sigma_s > 0:
-            error, covariance = weighed(covariance, receivers.imu_delay_s, self._delay_sigma_s)
-            receivers = receivers.changed(error)
-            motion = motion_of(state, readings.force_b, rate_b)
-            state = later(state, motion, receivers.imu_delay_s, error)
-            covariance = later_covariance(covariance, motion)
+            motion, delay_s = motion_of(state, readings.force_b, rate_b), receivers.imu_delay_s
+            error, covariance = published(covariance, motion, delay_s, self._delay_sigma_s)
+            state = feedback(state, error)
+            if self._at_antenna:
+                receivers = receivers.changed(error)
         bias, (x, y, z), item = state.gyro_bias_b, readings.white_b, covariance.item
         turning_b = rate_b[0] - bias[0], rate_b[1] - bias[1], rate_b[2] - bias[2]
         vectors = np.array((*state.velocity_n, *state.q_nb, *turning_b))
