@@ -347,9 +347,8 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
         node, url = start(cot=cot)
         target = fleet.browse(url, switch_on)
         links = [team.accept()[0]]
-        (first,) = bags()
-        fleet.until(lambda: first.stat().st_size > 1e5)
-        for _ in range(2):
+        for number in (1, 2):
+            fleet.until(lambda n=number: len(bags()) == n and bags()[-1].stat().st_size > 1e5)
             node.signal(signal.SIGKILL)
             node.wait(5)
             node, url = start(cot=cot)
