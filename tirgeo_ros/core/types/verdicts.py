@@ -114,7 +114,9 @@ class NavigationStatus:
     #: Noise densities: gyroscopes rad/sqrt(s), accelerometers m/s/sqrt(s).
     vibration: tuple[float, ...] = ()
     began_again: Outcome | None = None  # GAP, TIME_JUMP or RESTART, until the filter runs again
-    #: Estimated delay of the IMU's stamps, and its sigma, enlarged if the NIS is; nan if exact.
+    #: What the flight shows of the delay of the IMU's stamps, without the prior, and its sigma,
+    #: enlarged if the NIS is. nan if that is less than the prior tells, if a NIS is above 2, or if
+    #: the delay is exact.
     imu_delay_s: float = math.nan
     imu_delay_sigma_s: float = math.nan
     gps_sigmas: float = 0.0  # largest slow difference of gps/fix from the state, over its sigma

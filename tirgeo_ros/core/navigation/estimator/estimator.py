@@ -59,6 +59,8 @@ _WATCH_NS = 100_000_000
 _DISORDER_NS = 1_000_000_000
 _IMU_USED = Verdict(Source.IMU, Outcome.USED)
 _IMU_KEY = (Source.IMU, Outcome.USED)
+#: Where a source's mean NIS is larger, its errors may pass for a delay of the IMU.
+_DELAY_NIS = 2.0
 _LATE = (
     "imu/data: stamps are {size_ms:.1f} ms {way} than the parameters say (sigma {sigma_ms:.1f} "
     "ms): set imu.delay_s to {delay_s:.4f}"
@@ -178,7 +180,10 @@ class Navigation:
         variance_rad2 = newest.covariance[5, 5] if newest and state.navigating else math.nan
         sigma_rad = math.nan if variance_rad2 < 0 else math.sqrt(variance_rad2)
         nis = self._log.nis(now_ns)
-        delay_s, delay_sigma_s = self._ekf.imu_delay_s() if self._ekf else (math.nan, math.nan)
+        largest_nis = self._log.largest_nis
+        delay_s, delay_sigma_s = math.nan, math.nan
+        if self._ekf and largest_nis < _DELAY_NIS:
+            delay_s, delay_sigma_s = self._ekf.imu_delay_s()
         status = NavigationStatus(
             self._config.method,
             state,
@@ -197,7 +202,7 @@ class Navigation:
             densities(self._ekf.vibration) if self._ekf else (),
             self._began_again,
             self._config.imu.delay_s + delay_s,
-            delay_sigma_s * math.sqrt(max([1.0, *nis.values()])),
+            delay_sigma_s * math.sqrt(largest_nis),
             aids.gps_sigmas if aids else 0.0,
         )
         late = status.late_imu(self._config.imu.delay_s)

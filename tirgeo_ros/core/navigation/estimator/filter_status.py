@@ -173,6 +173,7 @@ class VerdictLog:
         self.unused: dict[Source, Unused] = {}
         self._nis: dict[Source, deque[tuple[int, float]]] = {}  # stamp and value, over 30 s
         self._means: dict[Source, float] = {}  # of ``_nis``, until its next value
+        self._sums: dict[Source, tuple[float, int]] = {}  # of all NIS, and their number
 
     def add(self, verdict: Verdict, now_ns: int) -> None:
         """Take a verdict that was given at ``now_ns``."""
@@ -185,6 +186,8 @@ class VerdictLog:
             if values and now_ns < values[-1][0]:  # the clock went back
                 values.clear()
             values.append((now_ns, min(verdict.nis, _NIS_CAP)))
+            total, number = self._sums.get(source, (0.0, 0))
+            self._sums[source] = total + values[-1][1], number + 1
             while values[0][0] < now_ns - _NIS_NS:
                 values.popleft()
             self._means.pop(source, None)
@@ -202,6 +205,12 @@ class VerdictLog:
             for source, values in self._nis.items()
             if len(values) >= _LEAST_VALUES and now_ns - values[-1][0] <= _NIS_NS
         }
+
+    @property
+    def largest_nis(self) -> float:
+        """Return the largest mean NIS of a source since the state began, at least 1."""
+        sums = [each for each in self._sums.values() if each[1] >= _LEAST_VALUES]
+        return max([1.0, *(total / number for total, number in sums)])
 
     def _mean(self, source: Source, values: deque[tuple[int, float]]) -> float:
         # Callers may ask at each IMU sample: the values of 30 s are not added up each time.

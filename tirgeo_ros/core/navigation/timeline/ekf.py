@@ -77,6 +77,8 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _AVERAGED_S = 0.04  # of readings before a measurement, for its slope by the IMU's delay
+#: Share of the prior variance from which on the flight tells more of the delay than the prior.
+_TOLD = 0.5
 _MOST_HZ = 500  # bound on the measurements held for each second
 _stamp_of = operator.attrgetter("stamp_ns")
 _ROWS = np.r_[POSITION, ATTITUDE, VELOCITY]
@@ -159,6 +161,8 @@ class Ekf:
         self._held: list[HistoryRecord] = []
         self._resolved: list[Verdict] = []
         self._progress: _Progress | None = None
+        # The variance of the IMU's delay, and by how much it was changed, since the start.
+        self._delay_variance_s2, self._taken_s = estimate.covariance.item(DELAY, DELAY), 0.0
         self._done = 0  # index of the newest epoch that is computed
 
     def configure(self, config: EkfConfig) -> None:
@@ -173,6 +177,7 @@ class Ekf:
     def take_delay(self, taken_s: float) -> None:
         """Reduce the IMU's estimated delay by what the stamps of all later samples lack of it."""
         self._progress = None
+        self._taken_s += taken_s
         for epoch in self._epochs:
             epoch.aids = epoch.aids.with_imu_delay(-taken_s)
 
@@ -282,12 +287,18 @@ class Ekf:
         return "vibration" if self._noise_powers.exceeded(self.vibration) else "parameters"
 
     def imu_delay_s(self) -> tuple[float, float]:
-        """Return the estimated part of the IMU's delay and its sigma; nan if it is exact."""
+        """Return what the flight alone shows of the IMU's delay, and its sigma.
+
+        The filter's estimate is drawn from it to the delay that was configured at the start. Both
+        are nan if the delay is exact, or if the flight tells less of it than the prior.
+        """
         estimate = self.estimate()
-        variance_s2 = float(estimate.covariance[DELAY, DELAY])
-        if not variance_s2 > 0:
+        variance_s2, receivers = estimate.covariance.item(DELAY, DELAY), estimate.aids.receivers
+        share = variance_s2 / self._delay_variance_s2 if variance_s2 > 0 else 1.0
+        if share > _TOLD:
             return math.nan, math.nan
-        return estimate.aids.receivers.imu_delay_s, math.sqrt(variance_s2)
+        told_s = (receivers.imu_delay_s + share * self._taken_s) / (1 - share)
+        return told_s, math.sqrt(variance_s2 / (1 - share))
 
     def biases(self) -> Biases:
         """Return the estimated IMU biases and their covariance (6, 6), to start again from."""
