@@ -37,6 +37,8 @@ from tirgeo_ros.core.types.arrays import Array, Vector
 #: Probability, before a flight tells, that the stamps are on time. With 0.5 an aircraft on time
 #: loses 0.3 deg of tilt by an unknown delay; with 0.7 one that is 5 ms late is corrected later.
 _ON_TIME = 0.6
+#: A variance that is this share of the prior's is rounding: the delay is known.
+_KNOWN = 1e-8
 
 
 def mean_readings(epochs: Sequence[Epoch]) -> tuple[Vector, Vector]:
@@ -90,7 +92,7 @@ def published(
     """
     of_delay, variance = covariance[DELAY], covariance.item(DELAY, DELAY)
     weight = known = gain = 0.0
-    if variance > 0:
+    if variance > _KNOWN * prior_s**2:
         square = delay_s**2 / variance
         odds = _ON_TIME / (1 - _ON_TIME) * prior_s / math.sqrt(variance) * math.exp(-0.5 * square)
         weight = odds / (1 + odds)
