@@ -47,8 +47,8 @@ from tirgeo_ros.core.calibration.aircraft_run import FlightRuns, Recorded, longe
 from tirgeo_ros.core.config import AircraftConfig, EkfConfig, ImuConfig
 from tirgeo_ros.core.frames.rotations import euler_from_matrix, flu_from_frd, matrix_from_rotvec
 from tirgeo_ros.core.navigation.aiding.aid import Aiding
-from tirgeo_ros.core.navigation.aiding.fusion import MOST_SIGMAS
 from tirgeo_ros.core.navigation.alignment.batch_least_squares import Biases
+from tirgeo_ros.core.navigation.ins.imu_delay import LONGEST_SIGMAS
 from tirgeo_ros.core.navigation.timeline.aid_stamps import DuplicateDetector, Same
 from tirgeo_ros.core.streams.sanity_checks import fault_of
 from tirgeo_ros.core.types.arrays import Array
@@ -84,7 +84,7 @@ KEYS = {name: row.key for name, row in TABLE.items()} | dict.fromkeys(
 )
 #: Delays that differ by less than so many sigmas are alike.
 _SIGMAS = 3.0
-_LONGEST_IMU_S = MOST_SIGMAS * ImuConfig().delay_sigma_s
+_LONGEST_IMU_S = LONGEST_SIGMAS * ImuConfig().delay_sigma_s
 _TURNED = (
     "aircraft.imu_rpy_deg turns base_link, in which the boresight is measured: calibrate the "
     "boresight again with this file"

@@ -27,7 +27,7 @@ from filter_states import state_of
 from dev.flight_errors import errors, fitting_config, navigation_samples, published
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
 from tirgeo_ros.core.navigation.ins.error_states import ANTENNA, DELAY
-from tirgeo_ros.core.navigation.ins.imu_delay import later, motion_of, published as published_at
+from tirgeo_ros.core.navigation.ins.imu_delay import at_stamp, later, motion_of
 from tirgeo_ros.core.navigation.ins.strapdown import propagate
 from tirgeo_ros.core.navigation.smoothing.smoothed_navigation import smoothed
 from tirgeo_ros.core.types.measurements import Source
@@ -66,20 +66,20 @@ def test_the_stamps_may_be_on_time(delay_s, share):
     later_by[:12, DELAY] += motion
     moved = share * on_time
     moved[:12] += (1 - share) * delay_s * motion
-    error, published_covariance = published_at(covariance, motion, delay_s, 0.005)
+    error, after = at_stamp(covariance, motion, delay_s, 0.005)
     np.testing.assert_allclose(error, moved, rtol=0.01)
     expected = later_by @ mixed @ later_by.T
-    np.testing.assert_allclose(published_covariance, expected, atol=0.01 * expected.max())
-    assert np.array_equal(published_covariance, published_covariance.T)
+    np.testing.assert_allclose(after, expected, atol=0.01 * expected.max())
+    assert np.array_equal(after, after.T)
 
 
 @pytest.mark.parametrize("variance", [0.0, 5e-324, 1e-40])
 def test_a_delay_that_is_known_moves_nothing(variance):
     covariance, motion = np.zeros((ANTENNA.stop, ANTENNA.stop)), np.ones(12)
     covariance[DELAY, DELAY] = variance
-    error, published_covariance = published_at(covariance, motion, 0.0, 0.005)
+    error, after = at_stamp(covariance, motion, 0.0, 0.005)
     assert not error.any()
-    assert np.abs(published_covariance).max() <= 2 * variance
+    assert np.abs(after).max() <= 2 * variance
 
 
 @functools.cache

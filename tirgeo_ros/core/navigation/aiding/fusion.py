@@ -40,7 +40,7 @@ from tirgeo_ros.core.navigation.aiding.rest import RestAid
 from tirgeo_ros.core.navigation.aiding.satellite_position import GpsPositionAid, RtkPositionAid
 from tirgeo_ros.core.navigation.aiding.satellite_velocity import GpsVelocityAid, RtkVelocityAid
 from tirgeo_ros.core.navigation.ins.error_states import DELAY
-from tirgeo_ros.core.navigation.ins.imu_delay import later
+from tirgeo_ros.core.navigation.ins.imu_delay import LONGEST_SIGMAS, later
 from tirgeo_ros.core.navigation.ins.kalman import update
 from tirgeo_ros.core.navigation.ins.strapdown import Vector
 from tirgeo_ros.core.types.arrays import Array
@@ -79,8 +79,6 @@ EXPECTED: Mapping[str, tuple[Source, ...]] = {
 }
 #: Gate of an aid that has stepped: narrow, so it passes only if the state may be as far off.
 _STEPPED_GATE_SIGMA = 2.0
-#: A delay of the IMU beyond so many of its sigmas is not the IMU's: receivers have delays, too.
-MOST_SIGMAS = 3.0
 #: Measurements may be ahead of the IMU by at least this, however small ``max_delay_s`` is.
 _LEAST_HOLD_S = 0.2
 
@@ -122,7 +120,7 @@ class Fusion:
         self._models = {source: aid(config) for source, aid in AIDS.items()}
         self._timeout_ns = round(config.trust.aid_timeout_s * 1e9)
         self._gps_time_s = config.gps.position_time_s
-        self._longest_delay_s = MOST_SIGMAS * config.imu.delay_sigma_s
+        self._longest_delay_s = LONGEST_SIGMAS * config.imu.delay_sigma_s
 
     def spare(self, sample: AidSample, aids: AidStatus) -> bool:
         """Return whether a sample would change nothing."""

@@ -205,10 +205,9 @@ class Navigation:
             delay_sigma_s * math.sqrt(largest_nis),
             aids.gps_sigmas if aids else 0.0,
         )
-        late = status.late_imu(self._config.imu.delay_s)
-        return (
-            replace(status, warnings=(*status.warnings, _LATE.format(**late))) if late else status
-        )
+        if late := status.late_imu(self._config.imu.delay_s):
+            return replace(status, warnings=(*status.warnings, _LATE.format(**late)))
+        return status
 
     @property
     def biases(self) -> Biases | None:

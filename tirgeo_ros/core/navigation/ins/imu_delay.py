@@ -39,6 +39,8 @@ from tirgeo_ros.core.types.arrays import Array, Vector
 _ON_TIME = 0.6
 #: A variance that is this share of the prior's is rounding: the delay is known.
 _KNOWN = 1e-8
+#: A delay beyond so many of its prior sigmas is not the IMU's: receivers have delays, too.
+LONGEST_SIGMAS = 3.0
 
 
 def mean_readings(epochs: Sequence[Epoch]) -> tuple[Vector, Vector]:
@@ -79,7 +81,7 @@ def later(state: NavState, motion: Array, delay_s: float) -> NavState:
     return moved._replace(correction_n=state.correction_n, push_n=state.push_n)
 
 
-def published(
+def at_stamp(
     covariance: Array, motion: Array, delay_s: float, prior_s: float
 ) -> tuple[Array, Array]:
     """Return the error (n,) of the state at a stamp, and its covariance (n, n) once corrected.
@@ -88,7 +90,7 @@ def published(
     poses would suffer from the noise of its estimate. So there are two hypotheses: the filter's
     estimate, and the same under the condition that the delay is zero. A flight changes their odds
     by the delay's probability density at zero, after the flight over before it (Dickey, J. M.,
-    1971, The weighted likelihood ratio). Published is their mean, moved on by the delay.
+    1971, The weighted likelihood ratio). Returned is their mean, moved on by the delay.
     """
     of_delay, variance = covariance[DELAY], covariance.item(DELAY, DELAY)
     weight = known = gain = 0.0
@@ -102,7 +104,7 @@ def published(
     rows = np.zeros((2, len(covariance)))  # motion, and the delay's column
     rows[0, : len(motion)], rows[1] = motion, of_delay
     error = rows.T.dot((delay_s * (1 - weight), gain))
-    # Twice the symmetric half of: motion times the column, of what is left of the column.
+    # Moving on by the motion m adds m u^T + u m^T, with u = left (c + variance m / 2).
     left = 1 - known * variance
     half = rows.T.dot(np.array(((0.5 * left * variance, left), (0.0, -0.5 * known))).dot(rows))
     return error, np.asarray(covariance + (half + half.T))

@@ -29,10 +29,7 @@ import numpy as np
 from tirgeo_ros.core.config import EkfConfig
 from tirgeo_ros.core.navigation.aiding.aid_status import Receivers
 from tirgeo_ros.core.navigation.estimator.estimator import Navigation
-from tirgeo_ros.core.navigation.ins.error_states import (
-    feedback,
-    states_of,
-)
+from tirgeo_ros.core.navigation.ins.error_states import feedback, states_of
 from tirgeo_ros.core.navigation.ins.strapdown import NavState
 from tirgeo_ros.core.navigation.timeline.ekf import Readings, SolutionMaker, with_pending_step
 from tirgeo_ros.core.navigation.timeline.flight_record import CORRECTED, MOVED, FlightRecord

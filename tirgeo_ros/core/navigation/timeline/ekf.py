@@ -53,11 +53,7 @@ from tirgeo_ros.core.navigation.ins.error_states import (
     has_antenna,
     states_of,
 )
-from tirgeo_ros.core.navigation.ins.imu_delay import (
-    mean_readings,
-    motion_of,
-    published,
-)
+from tirgeo_ros.core.navigation.ins.imu_delay import at_stamp, mean_readings, motion_of
 from tirgeo_ros.core.navigation.ins.kalman import Change, Mark
 from tirgeo_ros.core.navigation.ins.propagation import (
     Epoch,
@@ -77,7 +73,7 @@ from tirgeo_ros.core.types.poses import NavSolution
 from tirgeo_ros.core.types.verdicts import Outcome, Verdict
 
 _AVERAGED_S = 0.04  # of readings before a measurement, for its slope by the IMU's delay
-#: Share of the prior variance from which on the flight tells more of the delay than the prior.
+#: Up to this share of the prior variance, the flight tells more of the delay than the prior.
 _TOLD = 0.5
 _MOST_HZ = 500  # bound on the measurements held for each second
 _stamp_of = operator.attrgetter("stamp_ns")
@@ -430,7 +426,7 @@ class SolutionMaker:
         rate_b = readings.rate_b
         if self._delay_sigma_s > 0:
             motion, delay_s = motion_of(state, readings.force_b, rate_b), receivers.imu_delay_s
-            error, covariance = published(covariance, motion, delay_s, self._delay_sigma_s)
+            error, covariance = at_stamp(covariance, motion, delay_s, self._delay_sigma_s)
             state = feedback(state, error)
             if self._at_antenna:
                 receivers = receivers.changed(error)
