@@ -12,4 +12,4 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Measure the page: ``python -m dev.page_load`` by sockets, ``.in_browser`` with Chromium."""
+"""Measure the page: ``python -m dev.page_load`` by sockets, its modules with Chromium."""

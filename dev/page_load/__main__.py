@@ -57,7 +57,9 @@ def socket_figures(work: Path, seconds: float) -> Iterator[Figure]:
     flight = find_resource("bags/sample")
     assert flight is not None
     pictures = draw_pictures(flight, work)
-    yield Figure("pictures, mean size", fmean(map(len, pictures_in(pictures))) / 1e3, "kB")
+    sizes = [(len(jpeg), len(shapes)) for jpeg, shapes in pictures_in(pictures)]
+    for name, column in zip(("pictures", "shapes"), zip(*sizes, strict=True), strict=True):
+        yield Figure(f"{name}, mean size", fmean(column) / 1e3, "kB")
     with ServedPage(pictures, work) as page:
         jobs = [Job(page.url, seconds, clicks=k == 0) for k in range(_VIEWERS)]
         begun_s, used_s = time.monotonic(), page.cpu_s()

@@ -19,7 +19,6 @@ from __future__ import annotations
 import asyncio
 import json
 import multiprocessing
-import struct
 import threading
 import time
 from collections.abc import Sequence
@@ -35,23 +34,32 @@ import numpy as np
 from dev.graphs import memory_mib
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
+from tirgeo_ros.core.overlay.overlay import Overlay
 from tirgeo_ros.io.bags.bag import BagReader
+from tirgeo_ros.io.messages import stamp_ns
+from tirgeo_ros.io.messages.cdr import Cdr
+from tirgeo_ros.io.messages.pictures import camera, compressed_pixels
+from tirgeo_ros.io.messages.shapes_codec import written_shapes
 from tirgeo_ros.io.targets.store import TargetStore
 from tirgeo_ros.page.actions import Click, Pixel
 from tirgeo_ros.page.server import PageServer
+from tirgeo_ros.page.video import HEADER
+from tirgeo_ros.tools.replay.graph_outputs import read_outputs
+from tirgeo_ros.tools.replay.node_configs import configured_layers, node_configs
 from tirgeo_ros.tools.replay.process import process
 
 HZ = 30.0
+MAP_NAME = "map.geojson"  # of the page, in the folder of a page that is served
 _OPEN = replace(ViewerConfig(), listen="127.0.0.1:0")
 _ANSWER_S = 0.005
-_JPEG_START = b"\xff\xd8\xff"
+_INFO, _FRAMES = "/thermal/camera_info", "/thermal/image_raw/compressed"
+_LATE_NS = 1_000_000_000
 _STATE = {
     "navigation": {"state": "running", "reason": ""},
     "position": [39.85, 116.7, 70.0],
     "footprint": [[39.85, 116.7], [39.851, 116.7], [39.851, 116.701], [39.85, 116.701]],
     "verdict": {"word": "GO", "tone": "good", "kind": "", "text": "", "more": "", "alarm": False},
 }
-_HEADER = struct.Struct("<QQIHH")
 _SETTLE_S = 4.0  # not counted: the link is found out
 _CLICK_EVERY_S = 0.5
 _SLEEP_S = 0.05
@@ -89,8 +97,8 @@ class ServedPage:
 class _Level:
     """Answer clicks at once: what overlay_node takes is measured elsewhere."""
 
-    def __init__(self, targets: TargetStore) -> None:
-        self.targets = targets
+    def __init__(self, targets: TargetStore, vector_map: bytes) -> None:
+        self.targets, self._map = targets, vector_map
 
     async def click(self, click: Click) -> Located | str:
         await asyncio.sleep(_ANSWER_S)
@@ -107,29 +115,53 @@ class _Level:
         return f"shares: {on}"
 
     def vector_map(self, aircraft: str) -> bytes:
-        return b"" if aircraft else b"{}"
+        return b"" if aircraft else self._map
 
 
 def draw_pictures(flight: Path, work: Path) -> Path:
-    """Write the overlay's pictures of a flight to a folder below ``work``; return it."""
-    bag, pictures = work / "overlay.mcap", work / "pictures"
+    """Write a flight's clean pictures and their shapes to a folder below ``work``; return it."""
+    bag, pictures = work / "poses.mcap", work / "pictures"
     params, map_file = flight / "params.yaml", flight / "map.geojson"
-    process(flight / "flight.mcap", bag, params=params, map=map_file, images=True)
+    process(flight / "flight.mcap", bag, params=params, images=False)
+    config = node_configs(params, map=map_file).overlay
+    outputs, cdr = read_outputs(bag), Cdr()
+    overlay = Overlay(config, configured_layers(config))
+    assert outputs.plane is not None
+    overlay.set_plane(outputs.plane)
     pictures.mkdir()
-    topic = "/tirgeo/overlay/image/compressed"
-    for count, message in enumerate(BagReader(bag).messages([topic])):
-        jpeg = bytes(message.data)
-        (pictures / f"{count:05}.jpg").write_bytes(jpeg[jpeg.index(_JPEG_START) :])
+    poses = iter(outputs.cameras)
+    for item in BagReader(flight / "flight.mcap").messages([_INFO, _FRAMES]):
+        message = cdr.deserialize(item.data, item.typename)
+        if item.topic == _INFO:
+            overlay.set_camera(camera(message))
+            continue
+        stamp = stamp_ns(message)
+        for pose in poses:
+            overlay.poses.add(pose)
+            if pose.stamp_ns > stamp:
+                break
+        overlay.add_frame(stamp, compressed_pixels(message), stamp)
+        if picture := overlay.take_unpainted(stamp + _LATE_NS):
+            clean = overlay.painter.clean(picture)
+            shapes = written_shapes(overlay.painter.shapes(picture), clean.pixels, clean.celsius)
+            name = f"{len([*pictures.glob('*.jpg')]):05}"
+            jpeg = cv2.imencode(".jpg", clean.pixels, [cv2.IMWRITE_JPEG_QUALITY, 80])[1]
+            (pictures / f"{name}.jpg").write_bytes(jpeg.tobytes())
+            (pictures / f"{name}.shapes").write_bytes(shapes.to_bytes())
     return pictures
 
 
-def pictures_in(folder: Path) -> list[bytes]:
-    """Return the JPEGs of a folder."""
-    return [path.read_bytes() for path in sorted(folder.glob("*.jpg"))]
+def pictures_in(folder: Path) -> list[tuple[bytes, bytes]]:
+    """Return the JPEGs of a folder, each with its shapes, if it has any."""
+    paths = [(path, path.with_suffix(".shapes")) for path in sorted(folder.glob("*.jpg"))]
+    return [(jpeg.read_bytes(), s.read_bytes() if s.exists() else b"") for jpeg, s in paths]
 
 
 def _serve(pictures: Path, work: Path, config: ViewerConfig, theirs: Connection) -> None:
-    server = PageServer(_Level(TargetStore(work / "targets.gpkg")), config, {"": "aircraft"})
+    map_file = work / MAP_NAME
+    vector_map = map_file.read_bytes() if map_file.exists() else b"{}"
+    backend = _Level(TargetStore(work / "targets.gpkg"), vector_map)
+    server = PageServer(backend, config, {"": "aircraft"})
     server.start()
     over = threading.Event()
     feeding = threading.Thread(target=_feed, args=(server, pictures_in(pictures), over))
@@ -142,11 +174,14 @@ def _serve(pictures: Path, work: Path, config: ViewerConfig, theirs: Connection)
     server.stop()
 
 
-def _feed(server: PageServer, pictures: Sequence[bytes], over: threading.Event) -> None:
+def _feed(
+    server: PageServer, pictures: Sequence[tuple[bytes, bytes]], over: threading.Event
+) -> None:
     """Show a picture each 1/30 s and report at 5 Hz, as viewer_node does."""
     begun, count = time.monotonic(), 0
     while not over.wait(max(0.0, begun + count / HZ - time.monotonic())):
-        server.show("", time.time_ns(), pictures[count % len(pictures)])
+        jpeg, shapes = pictures[count % len(pictures)]
+        server.show("", time.time_ns(), jpeg, shapes=shapes)
         if count % 6 == 0:
             server.report("", {**_STATE, "track": [[39.85, 116.7 + count * 1e-6]]})
         count += 1
@@ -220,8 +255,8 @@ class _Viewer:
     async def _look(self, video: aiohttp.ClientWebSocketResponse) -> None:
         begun = time.monotonic()
         async for message in video:
-            self._stamp_ns, _, number, _, _ = _HEADER.unpack_from(message.data)
-            jpeg = np.frombuffer(message.data, np.uint8, offset=_HEADER.size)
+            self._stamp_ns, _, number, _, _, size = HEADER.unpack_from(message.data)
+            jpeg = np.frombuffer(message.data, np.uint8, offset=HEADER.size + size)
             assert cv2.imdecode(jpeg, cv2.IMREAD_COLOR) is not None
             await video.send_str(f"shown {number}")
             if time.monotonic() - begun > _SETTLE_S:

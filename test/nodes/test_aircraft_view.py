@@ -60,7 +60,7 @@ from tirgeo_ros.io.messages.cdr import Cdr
 from tirgeo_ros.io.messages.json_codec import findings_text, state_text
 from tirgeo_ros.nodes import aircraft_view as view
 from tirgeo_ros.nodes.aircraft_topics import SILENT_S, PoseTape, Reports, level_of
-from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge, target_markers
+from tirgeo_ros.nodes.aircraft_view import STREAMS, Judge, PicturePairs, target_markers
 
 CDR = Cdr()
 MESSAGES = Messages()
@@ -366,3 +366,17 @@ def test_the_marker_is_the_95_percent_ellipsoid():
     breadths = sorted([shape.scale.x, shape.scale.y, shape.scale.z])
     np.testing.assert_allclose(breadths[:0:-1], 2 * semi_axes[0], rtol=1e-12)
     assert len(label.text) == 60
+
+
+def test_a_picture_has_the_shapes_of_its_own_stamp_whatever_is_lost_or_late():
+    """10,000 frames, of which some halves are lost, and the others anyhow mixed."""
+    rng, shown = np.random.default_rng(4), []
+    pairs = PicturePairs(lambda *pair: shown.append(pair))
+    halves = [(k, take) for k in range(10_000) for take in (pairs.take_shapes, pairs.take_picture)]
+    late = np.argsort([k + rng.exponential(1.0) for k, _ in halves])
+    for at in late[rng.random(len(halves)) > 0.1].tolist():
+        stamp, take = halves[at]
+        take(stamp, str(stamp).encode())
+    assert len(shown) > 7000
+    assert all(jpeg == shapes == str(stamp).encode() for stamp, jpeg, shapes in shown)
+    assert len({stamp for stamp, *_ in shown}) == len(shown)

@@ -131,6 +131,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 pytestmark = pytest.mark.graph
 
 LATENCY_NS = 50_000_000
+_RATE = 0.5  # of the bag's time
 #: The filter starts a second after the bag and has settled by then.
 SETTLED_NS = 12_000_000_000
 
@@ -155,8 +156,12 @@ class Watched:
 
 @pytest.fixture(scope="module")
 def flown(sample_graph, environment, tmp_path_factory) -> tuple[GraphRun, Watched]:
-    """One run at rate 1, with a stranger on ``tirgeo/overlay/image``."""
-    setup = sample_graph(tmp_path_factory.mktemp("graph"))
+    """One run at half speed, with a stranger on ``tirgeo/overlay/image``.
+
+    At full speed a machine with much else to do loses messages and poses: how quick the graph is,
+    make bench measures.
+    """
+    setup = sample_graph(tmp_path_factory.mktemp("graph"), rate=_RATE)
     watched, results = Watched(), []
     stranger = Stranger(int(environment["ROS_DOMAIN_ID"]), {})
     stranger.node.create_subscription(Image, "tirgeo/overlay/image", watched.take, 30)
@@ -264,9 +269,9 @@ def test_the_states_describe_the_flight(outputs):
     assert navigation.state is FilterState.RUNNING
     assert navigation.rtk_status is FixStatus.FIXED
     assert navigation.counts["imu", "used"] > 2500
-    # 100 Hz of the bag; a window of a second may hold a few more or fewer.
+    # 100 Hz of the bag, by this computer's clock; a second may hold a few more or fewer.
     rates = [topic.rate_hz for topic in outputs.topic("ekf_node", "imu/data")]
-    assert np.median(rates) == pytest.approx(100, abs=3)
+    assert np.median(rates) == pytest.approx(100 * _RATE, abs=3)
     odometry = outputs.topic("ekf_node", "tirgeo/odometry")
     # How long it is, make bench measures: here the machine may be busy.
     assert sum(topic.latency_ms is not None for topic in odometry) > 20

@@ -32,6 +32,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2 or its wheels")
 
 import dataclasses
 import threading
+import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from graph_helpers import KeptLog, await_words
@@ -54,6 +55,8 @@ from tirgeo_ros.io.bags.bag import BagReader
 from tirgeo_ros.io.messages import targets_of
 from tirgeo_ros.io.messages.pictures import image_pixels
 from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.nodes import recordings
+from tirgeo_ros.nodes.graph_node import latched
 from tirgeo_ros.nodes.recordings import Recordings
 from tirgeo_ros.nodes.viewer_node import PageBackend, lost_clicks, taken_ns
 from tirgeo_ros.page.actions import Click
@@ -139,8 +142,12 @@ def fleet(spawn, meet, tmp_path, request):
         return node
 
     topics = {f"{name}/tirgeo/overlay/image": Image for name in NORTH}
-    topics |= {"uav2/tirgeo/targets/markers": MarkerArray, "uav2/tirgeo/targets": String}
-    return Fleet(meet(**topics, **{"/diagnostics": DiagnosticArray}), overlay)
+    stranger = meet(**topics, **{"/diagnostics": DiagnosticArray})
+    # Latched, as they are published: a list that came before the nodes had met comes too.
+    for topic, kind in {"targets/markers": MarkerArray, "targets": String}.items():
+        name = f"uav2/tirgeo/{topic}"
+        stranger.node.create_subscription(kind, name, stranger.received[name].append, latched(10))
+    return Fleet(stranger, overlay)
 
 
 def pixel_of(point_n, name):
@@ -155,8 +162,12 @@ async def clicked(page, states, name, uv, **more):
         while True:
             stamp_ns, _ = await next_picture(video)
             answer = await states.click(stamp_ns, *map(float, uv), aircraft=name, **more)
-            if answer["ok"] or not re.search("pose|did not answer", answer.get("reason", "")):
+            if answer["ok"] or not re.search(_NOT_YET, answer.get("reason", "")):
                 return answer
+
+
+#: Also overlay_node's subscription may be found after its pictures.
+_NOT_YET = "pose|did not answer|does not run"
 
 
 def off_m(target, point_n) -> float:
@@ -326,10 +337,11 @@ def test_a_killed_node_goes_on_as_it_was_and_a_stopped_one_begins_anew(fleet, st
     corner = pixel_of(SQUARE_N[0], "uav1")
 
     async def switch_on(page, states):
-        target = (await clicked(page, states, "uav1", corner))["target"]
+        answer = await clicked(page, states, "uav1", corner)
+        assert answer["ok"], answer
         await states.ask("record", aircraft="uav1", on=True)
         await states.ask("share", on=True)
-        return target
+        return answer["target"]
 
     def state(url, good=lambda _: True):
         async def until(_, states):
@@ -476,12 +488,40 @@ def test_without_an_address_nothing_is_shared():
 def test_a_full_disk_takes_no_recording(tmp_path):
     node = KeptLog()
     config = ViewerConfig(record_to=str(tmp_path / "new"), least_free_gb=1e4)
-    recordings = Recordings(node, config, {"": ""})
-    words = recordings.begin("")
+    full = Recordings(node, config, {"": ""})
+    words = full.begin("")
     assert words.startswith(f"not recorded: {tmp_path / 'new'}: only ")
     assert "make room on this disk" in words
-    assert recordings.end("") == "nothing is being recorded"
+    assert full.end("") == "nothing is being recorded"
     (tmp_path / "file").touch()
     config = ViewerConfig(record_to=str(tmp_path / "file" / "in"))
     blocked = Recordings(node, config, {"": ""})
     assert f"{tmp_path / 'file' / 'in'}: Not a directory" in blocked.begin("")
+
+
+class Child:
+    """A recorder or a video_writer that has begun."""
+
+    fault = ""
+
+    def __init__(self, *begun):
+        _, name, values, _ = begun
+        values["output"].write_text(f"of {name}")
+
+    def end(self):
+        return ""
+
+
+def test_a_clock_that_was_set_back_costs_no_recording(tmp_path, monkeypatch):
+    """As on a computer without a battery for its clock, which begins at the same time each day."""
+    node = KeptLog()
+    node.count_publishers = lambda _: 0
+    monkeypatch.setattr(recordings, "ChildNode", Child)
+    monkeypatch.setattr(recordings.time, "gmtime", lambda: time.struct_time((2026,) + (1,) * 8))
+    config = ViewerConfig(record_to=str(tmp_path), least_free_gb=0.0)
+    old = tmp_path / "uav1-2026-01-01T01-01-01Z.mcap"
+    old.write_text("of the flight before")
+    assert Recordings(node, config, {"uav1": "/uav1"}).begin("uav1").startswith("recording to ")
+    assert old.read_text() == "of the flight before"
+    (new,) = {*tmp_path.glob("*.mcap")} - {old}
+    assert new.read_text() == "of recorder"

@@ -21,6 +21,7 @@ import contextlib
 import json
 import socket
 import ssl
+import time
 
 import aiohttp
 import pytest
@@ -37,6 +38,8 @@ from page_clients import (
     status,
 )
 from signed_certificates import certificate
+
+from tirgeo_ros.page import access
 
 
 @pytest.mark.parametrize(
@@ -159,6 +162,22 @@ def test_a_session_outlives_a_restart_but_not_another_token(tmp_path):
         assert asyncio.run(role(one, cookie.replace("viewer", "operator", 1))) == 401
     with Served(tmp_path, token=OPERATOR_TOKEN, viewer_token="another-viewer") as one:
         assert asyncio.run(role(one, cookie)) == 401
+
+
+def test_a_session_outlives_that_the_clock_is_set(fresh, monkeypatch):
+    """A computer without a battery for its clock may be days behind until it has the time."""
+
+    async def look():
+        async with Page(fresh.url) as page:
+            assert await page.enter(OPERATOR_TOKEN) == 200
+            (cookie,) = page.session.cookie_jar
+        headers = {"Cookie": f"{cookie.key}={cookie.value}"}  # the browser's clock is right
+        later_s = time.time() + 10 * 24 * 3600
+        monkeypatch.setattr(access.time, "time", lambda: later_s)
+        async with Page(fresh.url) as page:
+            return (await page.get("/enter", headers=headers))[0]
+
+    assert asyncio.run(look()) == 200
 
 
 @pytest.mark.parametrize(

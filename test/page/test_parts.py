@@ -16,18 +16,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
-import heapq
 import re
 import sqlite3
 import time
-from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 import pytest
-from page_backend import HEIGHT, WIDTH, Pictures
 from page_clients import tile_file
 from project import PROJECT
 
@@ -37,7 +33,6 @@ from tirgeo_ros.page import connections, routes
 from tirgeo_ros.page.access import Shares, WrongTokens
 from tirgeo_ros.page.connections import OPERATOR, Allowance, Listener
 from tirgeo_ros.page.routes import Tiles, invitation
-from tirgeo_ros.page.video import LEVELS, Pace, VideoFeed
 
 URL = "https://192.168.1.20:8080/?token=abcdefghijklmnopqrstuvwx"
 
@@ -209,157 +204,6 @@ def test_a_damaged_file_lacks_tiles_and_is_logged_once(tmp_path, caplog):
     assert len(caplog.records) == 1
 
 
-def test_a_picture_of_four_billion_pixels_is_counted_and_logged_once(caplog):
-    jpeg = bytearray(Pictures().jpeg(0))
-    at = jpeg.index(b"\xff\xc0") + 5
-    with ThreadPoolExecutor(1) as workers:
-        feed = VideoFeed(workers)
-        for size in (b"\xff" * 4, b"\x20\x00\x20\x00"):  # and 67 million, with a warning of 200 MB
-            jpeg[at : at + 4] = size
-            for _ in range(3):
-                feed.show(1, 1, bytes(jpeg))
-        assert (feed.damaged, feed.newest) == (6, None)
-    (message_text,) = caplog.messages
-    assert message_text == "a picture that is no JPEG of up to 8.4 million pixels is not shown"
-
-
-def test_pictures_are_made_smaller_once_for_all_who_want_them():
-    async def look():
-        with ThreadPoolExecutor(1) as workers:
-            feed = VideoFeed(workers)
-            feed.show(1, 1, jpeg)
-            result = [feed.bytes_at(feed.newest, level) for level in range(len(LEVELS))]
-            again = [feed.bytes_at(feed.newest, level) for level in range(len(LEVELS))]
-            return await asyncio.gather(*result), await asyncio.gather(*again)
-
-    jpeg = Pictures().jpeg(0)
-    result, again = asyncio.run(look())
-    assert result[0] is jpeg
-    assert all(item is other for item, other in zip(result, again, strict=True))
-    sizes = [len(item) for item in result]
-    assert sizes == sorted(sizes, reverse=True)
-    for made, level in zip(result, LEVELS, strict=True):
-        size = cv2.imdecode(np.frombuffer(made, np.uint8), 1).shape[:2]
-        assert size == (HEIGHT // level.divisor, WIDTH // level.divisor)
-
-
-def test_damaged_pictures_are_counted_and_the_last_stays():
-    with ThreadPoolExecutor(1) as workers:
-        feed = VideoFeed(workers)
-        jpeg = Pictures().jpeg(0)
-        feed.show(1, 1, jpeg)
-        for damaged in (b"", b"no picture", jpeg[:100], b"\x89PNG" + jpeg):
-            feed.show(2, 2, damaged)
-        assert feed.damaged == 4
-        assert feed.newest.stamp_ns == 1
-
-
-@pytest.mark.parametrize(
-    ("u", "v", "size"), [(320, 256, (160, 160)), (0, 0, (160, 160)), (639, 511, (81, 81))]
-)
-def test_a_cut_out_is_around_the_pixel(u, v, size):
-    with ThreadPoolExecutor(1) as workers:
-        feed = VideoFeed(workers)
-        feed.show(7, 7, Pictures().jpeg(0))
-        result = feed.cut_out(7, u, v)()
-        assert cv2.imdecode(np.frombuffer(result, np.uint8), 1).shape[:2] == size
-        assert feed.cut_out(8, u, v)() is None
-        assert feed.cut_out(7, 5000, -5000)() is None
-
-
-FULL = 95_000  # bytes of an untouched picture
-HZ = 30.0
-
-
-class Link:
-    """A link in simulated time: so many bytes a second, after one another, and a delay."""
-
-    def __init__(self, bytes_a_s, delay_s=0.02):
-        self.bytes_a_s, self.delay_s = bytes_a_s, delay_s
-        self._free_s = 0.0
-
-    def arrival(self, now_s, size):
-        self._free_s = max(self._free_s, now_s) + size / self.bytes_a_s
-        return self._free_s + self.delay_s
-
-
-def watched(link, seconds, change=None):
-    """(time, age, level) of each picture as it is shown."""
-    pace, answers, shown, last = Pace(), [], [], 0
-    for step in range(round(seconds * 1000)):
-        now_s = step * 1e-3
-        if change and now_s >= change[0]:
-            link.bytes_a_s, change = change[1], None
-        while answers and answers[0][0] <= now_s:
-            at_s, number, taken_s, level = heapq.heappop(answers)
-            assert pace.shown(number, at_s)
-            shown.append((now_s, now_s - taken_s - link.delay_s, level))
-        newest = int(now_s * HZ) + 1
-        if newest != last and pace.may_send(now_s):
-            last, size = newest, FULL * LEVELS[pace.level].share
-            pace.sent(newest, now_s)
-            at_s = link.arrival(now_s, size) + link.delay_s  # the answer's way back
-            heapq.heappush(answers, (at_s, newest, (newest - 1) / HZ, pace.level))
-    return np.array(shown)
-
-
-def test_a_good_link_has_untouched_pictures_at_full_rate_at_once():
-    observed = watched(Link(50e6, 0.002), 10)
-    assert (observed[observed[:, 0] > 0.2][:, 2] == 0).all()
-    assert len(observed) > 290
-
-
-# The ages asked for, of 500 ms, with room for what the simulated link leaves out.
-@pytest.mark.parametrize("megabits", [0.5, 1.0, 2.0, 4.0])
-def test_a_thin_link_has_young_pictures_that_use_it(megabits):
-    observed = watched(Link(megabits * 125e3), 60)
-    settled = observed[observed[:, 0] > 3]
-    assert np.percentile(settled[:, 1], 95) < 0.4
-    assert len(settled) / 57 > 3
-    used = sum(LEVELS[int(level)].share for level in settled[:, 2]) * FULL / 57
-    assert used > 0.5 * megabits * 125e3
-    if megabits >= 1:
-        assert np.median(settled[:, 2]) <= 5  # a person can be seen
-
-
-def test_a_long_way_alone_makes_no_small_pictures():
-    observed = watched(Link(10e6, 0.06), 30)
-    assert np.median(observed[observed[:, 0] > 10][:, 2]) == 0
-
-
-def test_pictures_follow_a_link_that_breaks_down_and_one_that_recovers():
-    down = watched(Link(10e6), 20, change=(10, 125e3))
-    assert (down[(down[:, 0] > 5) & (down[:, 0] < 10)][:, 2] == 0).all()
-    assert (down[down[:, 0] > 12.5][:, 1] < 0.5).all()
-    up = watched(Link(125e3), 60, change=(20, 10e6))
-    assert (up[up[:, 0] > 55][:, 2] == 0).all()
-
-
-def test_attempts_at_larger_pictures_become_rare():
-    observed = watched(Link(125e3), 100)
-    late = observed[observed[:, 0] > 50]
-    assert (late[:, 1] > 0.4).mean() < 0.01
-
-
-def test_fewer_than_two_are_on_the_way_and_lost_ones_are_given_up():
-    pace = Pace()
-    pace.sent(1, 0.0)
-    assert pace.may_send(0.0)
-    pace.sent(2, 0.0)
-    assert not pace.may_send(1.0)
-    assert pace.may_send(4.0)
-
-
-def test_an_answer_counts_for_those_before_it_and_only_once():
-    pace = Pace()
-    pace.sent(1, 0.0)
-    pace.sent(2, 0.01)
-    assert pace.shown(2, 0.02)
-    assert not pace.shown(1, 0.02)
-    assert not pace.shown(2, 0.02)
-    assert not pace.shown(77, 0.02)
-
-
 STATIC = PROJECT / "tirgeo_ros/page/static"
 INDEX = (STATIC / "index.html").read_text()
 OWN = sorted([*STATIC.glob("js/**/*.js"), *STATIC.glob("style/*.css")])
@@ -378,7 +222,7 @@ def test_imports_lead_to_files(module):
 
 
 def test_every_module_is_reached():
-    reached, waiting = set(), {STATIC / "js/main.js"}
+    reached, waiting = set(), {STATIC / "js/main.js", *STATIC.glob("js/words/*.js")}
     while waiting:
         module = waiting.pop().resolve()
         reached.add(module)
@@ -405,7 +249,7 @@ def test_data_never_become_markup_and_nothing_comes_from_elsewhere(path):
         r"\.(?:innerHTML|outerHTML)\b|insertAdjacentHTML|document\.write|\beval\(|https?://\w"
     )
     assert re.findall(refused, text) == []
-    assert len(text.splitlines()) <= 300
+    assert len(text.splitlines()) <= 300 or path.parent.name == "words"
 
 
 def test_every_kind_and_button_has_its_symbol():

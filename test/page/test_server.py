@@ -21,21 +21,26 @@ import gzip
 import json
 import math
 from contextlib import closing
+from threading import current_thread
+from unittest.mock import Mock
 
 import aiohttp
 import cv2
 import numpy as np
 import pytest
-from page_backend import Pictures, pixel_of, place_at
+from page_backend import HEIGHT, WIDTH, Pictures, pixel_of, place_at
 from page_clients import Page, Served, ServedApart, next_picture, tile_file
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import PageError
 from tirgeo_ros.io.targets.store import TargetStore
+from tirgeo_ros.page import routes, video as video_module
 from tirgeo_ros.page.server import PageServer
+from tirgeo_ros.page.video import HEADER
 
 WORDS = {"kind": "other", "note": ""}
+STAMP_NS = 10**18
 
 
 def test_video_comes_untouched_to_a_quick_viewer_with_its_stamp_and_size(served):
@@ -49,12 +54,31 @@ def test_video_comes_untouched_to_a_quick_viewer_with_its_stamp_and_size(served)
                 before = number
                 await video.send_str(f"shown {number}")
                 stamp_ns = int.from_bytes(data[:8], "little")
-                if data[24:] == pictures.jpeg(stamp_ns):
+                shapes_bytes = int.from_bytes(data[24:28], "little")
+                if data[HEADER.size + shapes_bytes :] == pictures.jpeg(stamp_ns):
                     return np.frombuffer(data, "<u2", 2, 20).tolist()
             return None
 
     pictures = Pictures()
     assert asyncio.run(look()) == [640, 512]
+
+
+def test_a_viewer_whose_picture_fails_can_come_back(served, monkeypatch, caplog):
+    """As without memory for it: the page opens a lost connection again, but not a silent one."""
+
+    async def look():
+        types = []
+        async with Page(served.url) as page:
+            while aiohttp.WSMsgType.BINARY not in types:
+                async with page.video() as video:
+                    types.append((await asyncio.wait_for(video.receive(), 10)).type)
+                monkeypatch.undo()
+                await asyncio.sleep(0.1)  # until another picture
+        return types
+
+    monkeypatch.setattr(video_module, "_smaller", Mock(side_effect=cv2.error("no memory")))
+    assert asyncio.run(asyncio.wait_for(look(), 30))[0] is aiohttp.WSMsgType.CLOSE
+    assert "a viewer's video begins anew" in caplog.text
 
 
 def test_a_click_is_a_target_for_all_pages_and_on_the_disk(served):
@@ -106,6 +130,28 @@ def test_a_picture_that_stood_still_on_a_screen_is_cut_out_later(served):
     assert asyncio.run(click())[0] == 200
 
 
+def test_one_goes_back_to_a_whole_picture_with_its_shapes(tmp_path):
+    """The message has what came together, at full size; one that is gone is 404."""
+
+    async def go_back():
+        async with Page(served.url) as page:
+            for k in range(3):
+                served.server.show("b", STAMP_NS + k * 10**8, jpeg, shapes=b"shapes %d" % k)
+            listed = json.loads((await page.get("/frames/b"))[1])["stamps_ns"]
+            one = await page.get(f"/frame/b/{STAMP_NS + 10**8}")
+            return listed, one, (await page.get("/frame/b/77"))[0]
+
+    jpeg = Pictures().jpeg(0)
+    with Served(tmp_path, parked=("b",)) as served:
+        listed, (status, body), gone = asyncio.run(go_back())
+    assert listed == [str(STAMP_NS + k * 10**8) for k in range(3)]
+    assert (status, gone) == (200, 404)
+    stamp_ns, _, _, width, height, size = HEADER.unpack_from(body)
+    assert (stamp_ns, width, height) == (STAMP_NS + 10**8, WIDTH, HEIGHT)
+    assert body[HEADER.size :] == b"shapes 1" + jpeg
+    assert size == len(b"shapes 1")
+
+
 def test_refine_edit_delete_undo_and_refusals_are_answered(served):
     async def ask():
         async with Page(served.url) as page, page.state() as state, page.video() as video:
@@ -134,6 +180,71 @@ def test_refine_edit_delete_undo_and_refusals_are_answered(served):
     assert "is back" in back["text"]
     assert not sky["ok"]
     assert sky["reason"] == "the ray does not meet the ground"
+
+
+def test_a_second_press_is_near_the_first_and_both_can_be_one(served):
+    async def ask():
+        async with Page(served.url) as page, page.state() as state, page.video() as video:
+            stamp_ns, _ = await next_picture(video)
+            first = await state.click(stamp_ns, 500.0, 200.0)
+            second = await state.click(stamp_ns, 508.0, 200.0)  # 0.8 m, sigmas of 0.3 and 0.5 m
+            away = await state.click(stamp_ns, 560.0, 200.0)
+            ids = {"id": second["target"]["id"], "into": first["target"]["id"]}
+            merged = await state.ask("merge", **ids)
+            again = await state.ask("merge", **ids)
+            undone = await state.ask("undo", id=ids["into"])
+            was = {"status": "new"}
+            found = await state.ask("edit", id=ids["id"], was=was, status="found")
+            wrong = await state.ask("edit", id=ids["id"], was=was, status="lost")
+            return first, second, away, merged, again, undone, found, wrong
+
+    first, second, away, merged, again, undone, found, wrong = asyncio.run(ask())
+    assert [first["near"], away["near"]] == [[], []]
+    assert second["near"] == [first["target"]["id"]]
+    assert merged["target"]["clicks"] == 2
+    assert again["reason"] == "there is no such target; perhaps it was deleted"
+    numbers = [answer["target"]["number"] for answer in (first, second)]
+    words = "target {} as before; target {} is back"
+    assert undone["text"] == words.format(*numbers)
+    assert found["target"]["status"] == "found"
+    assert wrong["reason"] == "edit: status must be one of new, checked, found, dismissed"
+
+
+def test_a_click_never_waits_for_the_disk_in_the_video_s_thread(served, monkeypatch):
+    """The store is locked while another change is written, which takes long on a slow card."""
+    store, threads = served.backend.targets, set()
+    kept = store.all
+    monkeypatch.setattr(store, "all", lambda: (threads.add(current_thread().name), kept())[1])
+
+    async def ask():
+        async with Page(served.url) as page, page.state() as state, page.video() as video:
+            stamp_ns, _ = await next_picture(video)
+            return await state.click(stamp_ns, 500.0, 200.0)
+
+    assert asyncio.run(ask())["ok"]
+    assert threads
+    assert "page" not in threads
+
+
+def test_codes_are_made_beside_the_video(served, monkeypatch):
+    """Each takes milliseconds, and a viewer may ask for 60 a second."""
+    made, threads = routes.segno.make, set()
+
+    def make(uri, **how):
+        threads.add(current_thread().name)
+        return made(uri, **how)
+
+    async def ask():
+        async with Page(served.url) as page, page.state() as state, page.video() as video:
+            target = (await state.click((await next_picture(video))[0]))["target"]
+            known = await page.get(f"/targets/{target['id']}/qr")
+            return known, await page.get("/targets/none/qr")
+
+    monkeypatch.setattr(routes.segno, "make", make)
+    (known, code), (unknown, _) = asyncio.run(ask())
+    assert (known, code[:5], unknown) == (200, b"<?xml", 404)
+    assert threads
+    assert "page" not in threads
 
 
 def test_what_needs_no_target_is_answered(served):

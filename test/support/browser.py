@@ -104,6 +104,11 @@ class Screen:
             words, timeout=LIMIT_S * 1000, ignore_case=True
         )
 
+    def shows(self, selector: str, count: int) -> None:
+        """Wait until so many elements are visible."""
+        found = self.page.locator(selector).locator("visible=true")
+        expect(found).to_have_count(count, timeout=LIMIT_S * 1000)
+
     def stamp_ns(self, aircraft: str = "") -> int:
         """Return the stamp of the picture that is on the screen; 0 before the first."""
         return int(self.page.evaluate(_STAMP, aircraft))
@@ -112,7 +117,7 @@ class Screen:
         """Keep the picture that is on the screen, and return its stamp."""
         self.await_picture()
         self.tap_on("#still")
-        self.reads(".words-over", "STILL PICTURE")
+        self.one(".stage[data-tone=still]").wait_for()  # in any language
         return self.stamp_ns()
 
     def await_picture(self, after_ns: int = 0) -> int:
@@ -146,6 +151,15 @@ class Screen:
         argument = arguments[0] if len(arguments) == 1 else list(arguments)
         handle = self.page.wait_for_function(script, arg=argument, polling=50)
         return handle.json_value()
+
+    def until(self, script: str, *arguments: object) -> object:
+        """Return what an asynchronous JavaScript function gives as soon as that is true."""
+        end_s = time.monotonic() + LIMIT_S
+        argument = arguments[0] if len(arguments) == 1 else list(arguments)
+        while not (result := self.page.evaluate(script, argument)):
+            assert time.monotonic() < end_s, script
+            self.page.wait_for_timeout(50)
+        return result
 
     def one(self, selector: str, **filters: object) -> Locator:
         """Return the first visible element."""

@@ -32,6 +32,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from shapes_writer import encoded
 
 from tirgeo_ros.core.config.viewer_parameters import ViewerConfig
 from tirgeo_ros.core.ground.ground_point import Located
@@ -140,8 +141,23 @@ def _corner(east, north, k):
     return longitude, latitude
 
 
+LAYERS = [
+    {"name": "plots", "line": "#ffff00", "width": 1, "fill": "#00a0ff", "fill_opacity": 0.15},
+    {"name": "hydrants", "line": "#ff8040", "width": 2, "fill": None, "fill_opacity": 0},
+]
+CELSIUS = (10.0, 61.0)  # of black and white
+
+
+CODE_BITS, CODE_PX = 16, 24
+
+
+def code_of(stamp_ns):
+    """Return the bits of a stamp that are in the picture's bottom row, as black and white."""
+    return stamp_ns // 1_000_000 % 2**CODE_BITS
+
+
 class Pictures:
-    """Draws what the camera sees, as JPEG of some 90 kB."""
+    """Makes what the camera sees, as JPEG of some 90 kB, and the map of it."""
 
     def __init__(self):
         rng = np.random.default_rng(1)
@@ -150,18 +166,62 @@ class Pictures:
 
     def jpeg(self, stamp_ns):
         shift = stamp_ns // 7919 % HEIGHT, stamp_ns // 104729 % WIDTH
-        grey = self._noise[shift[0] : shift[0] + HEIGHT, shift[1] : shift[1] + WIDTH]
-        image = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-        for k, (east, north) in enumerate(PLOTS):
-            corners = [_corner(east, north, c) for c in range(4)]
-            pixels = np.array([pixel_of(stamp_ns, lat, lon) for lon, lat in corners])
-            if (pixels > -200).all() and (pixels < 900).all():
-                cv2.polylines(image, [np.rint(pixels).astype(np.int32)], True, (0, 255, 255), 1)
-                at = tuple(int(x) for x in pixels.mean(axis=0))
-                cv2.putText(image, str(k), at, cv2.FONT_HERSHEY_PLAIN, 1.2, (0, 255, 0))
-        text = f"{stamp_ns * 1e-9:.3f}"
-        cv2.putText(image, text, (8, HEIGHT - 8), cv2.FONT_HERSHEY_PLAIN, 1.2, (255, 255, 255))
-        return cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+        grey = self._noise[shift[0] : shift[0] + HEIGHT, shift[1] : shift[1] + WIDTH].copy()
+        for _, pixels in _plots_in(stamp_ns):
+            cv2.fillPoly(grey, [np.rint(pixels).astype(np.int32)], (150,))
+            cv2.circle(grey, [round(x) for x in pixels.mean(axis=0)], 8, (230,), -1)
+        for bit in range(CODE_BITS):
+            left, white = bit * CODE_PX, code_of(stamp_ns) >> bit & 1
+            grey[-CODE_PX:, left : left + CODE_PX] = 235 if white else 20
+        return cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
+
+    def shapes(self, stamp_ns, targets):
+        """Return outlines and names of the plots, a hydrant in each, and the targets."""
+        plots = _plots_in(stamp_ns)
+        marks = [(1, pixels.mean(axis=0)) for _, pixels in plots]
+        half = PLOT_M / M_PER_PIXEL
+        head = {
+            "size": [WIDTH, HEIGHT],
+            "celsius": CELSIUS,
+            "layers": LAYERS,
+            "labels": [
+                *(
+                    [f"plot {k}", *pixels.mean(axis=0), 0, 2, half, half, False]
+                    for k, pixels in plots
+                ),
+                *([f"H{k}", *pixels.mean(axis=0), 1, 1, 0, 0, k % 4 == 0] for k, pixels in plots),
+            ],
+            "ellipses": [[*mark[1], 18, 12, 0.4, 1, False] for mark in marks],
+            "targets": [_target_mark(stamp_ns, target) for target in targets],
+            "status": [["filter", 0], ["40 m above ground", 0], [str(stamp_ns), 0]],
+            "bar": [12, 112, HEIGHT - 30, 100 * M_PER_PIXEL],
+            "heading_deg": stamp_ns * 1e-9 * 6 % 360,
+        }
+        if stamp_ns * 1e-9 % 60 > 55:
+            return encoded(
+                {**head, "labels": [], "targets": [], "ellipses": [], "bar": None}
+                | {"notices": [["NO MAP: no pose for 2.0 s", 2]]}
+            )
+        rings = [(0, 0, pixels) for _, pixels in plots]
+        lines = [(0, 4, pixels[[0, 1, 2, 3, 0]]) for _, pixels in plots]
+        return encoded(head, rings, lines, marks)
+
+
+def _plots_in(stamp_ns):
+    """Return number and corners (4, 2) of the plots in view."""
+    result = []
+    for k, (east, north) in enumerate(PLOTS):
+        corners = [_corner(east, north, c) for c in range(4)]
+        pixels = np.array([pixel_of(stamp_ns, lat, lon) for lon, lat in corners])
+        if (pixels > -60).all() and (pixels < 700).all():
+            result.append((k, pixels))
+    return result
+
+
+def _target_mark(stamp_ns, target):
+    u, v = pixel_of(stamp_ns, target.place.latitude_deg, target.place.longitude_deg)
+    text = f"{target.number} {target.name}".strip()
+    return [target.id, text, u, v, SIGMA_M[0] * 2.45 / M_PER_PIXEL, 8, 0.0]
 
 
 def state_at(backend, aircraft, stamp_ns, points):
@@ -221,9 +281,12 @@ class SimulatedFlight:
         while not self._over.wait(1 / self._hz - time.time() % (1 / self._hz)):
             stamp_ns = time.time_ns()
             jpeg = self._pictures.jpeg(stamp_ns)
+            if count % round(self._hz / 5) == 0:
+                targets = self._backend.targets.all()
+            shapes = self._pictures.shapes(stamp_ns, targets)
             for aircraft in self._aircraft:
                 self._backend.newest_ns[aircraft] = stamp_ns
-                self._server.show(aircraft, stamp_ns, jpeg)
+                self._server.show(aircraft, stamp_ns, jpeg, shapes=shapes)
                 if count % round(self._hz / 5) == 0:
                     point = place_of(*camera_at(stamp_ns))
                     state = state_at(self._backend, aircraft, stamp_ns, [point])

@@ -50,15 +50,16 @@ TOKENS = {"token": OPERATOR_TOKEN, "viewer_token": VIEWER_TOKEN}
 class Served:
     """A server on a free port, a flight to look at, and what both hold.
 
-    ``stop`` and ``start`` are a restart of the node.
+    ``stop`` and ``start`` are a restart of the node. Parked aircraft send nothing.
     """
 
     hz = HZ
 
-    def __init__(self, folder, aircraft=("",), **config):
+    def __init__(self, folder, aircraft=("",), parked=(), **config):
         self.file = folder / "targets.gpkg"
         self.config = replace(ViewerConfig(), **{"listen": "127.0.0.1:0", **config})
-        self.aircraft = {name: name or "aircraft" for name in aircraft}
+        self.flying = tuple(aircraft)
+        self.aircraft = {name: name or "aircraft" for name in (*aircraft, *parked)}
         self.start()
 
     def start(self):
@@ -66,7 +67,7 @@ class Served:
         self.server = PageServer(self.backend, self.config, self.aircraft)
         self.server.start()
         self.config = replace(self.config, listen=f"127.0.0.1:{self.port}")  # after a restart too
-        self._flight = SimulatedFlight(self.server, self.backend, tuple(self.aircraft), self.hz)
+        self._flight = SimulatedFlight(self.server, self.backend, self.flying, self.hz)
         self._flight.__enter__()
 
     def stop(self):

@@ -19,6 +19,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 import page_backend
+from browser import Screen
 from page_backend import (
     EAST_M,
     HEIGHT,
@@ -70,6 +71,14 @@ def corner_in(stamp_ns: int) -> tuple[float, float]:
     corners = [place_of(e - PLOT_M, n + PLOT_M) for e, n in PLOTS]
     pixels = [pixel_of(stamp_ns, *corner) for corner in corners]
     return min(pixels, key=lambda pixel: np.hypot(pixel[0] - WIDTH / 2, pixel[1] - HEIGHT / 2))
+
+
+def press(screen: Screen) -> None:
+    """Touch the corner of a plot in a still picture; its row is then there."""
+    before = screen.page.locator(".row").count()
+    screen.tap(*screen.on_screen(*corner_in(screen.hold_still())))
+    screen.wait("(n) => document.querySelectorAll('.row').length > n", before)
+    screen.tap_on("#still")
 
 
 def corner_on(screenshot: bytes) -> tuple[float, float] | None:

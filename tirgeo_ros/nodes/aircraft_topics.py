@@ -57,7 +57,7 @@ from tirgeo_ros.io.messages.pictures import camera
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH, STREAM_DEPTH
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output
 
-VIDEO, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
+PAINTED, INFO = "tirgeo/overlay/image/compressed", "tirgeo/overlay/camera_info"
 ODOMETRY, POSE, FOOTPRINT = "tirgeo/odometry", "tirgeo/camera_pose", "tirgeo/footprint"
 #: A node whose report is older (s) is silent: each node reports once a second.
 SILENT_S = 3.5
@@ -158,8 +158,8 @@ class AircraftTopics:
     """Hold the newest messages of one aircraft as bytes, and decode them when they are asked for.
 
     ``aircraft`` is its namespace, "" for that of the node. ``show`` takes the stamp (ns) and the
-    JPEG of each picture; ``terrain`` is the ground's elevation model, if there is one. Any thread
-    may call it; only the node's thread brings messages.
+    JPEG of each picture of the topic ``video``; ``terrain`` is the ground's elevation model, if
+    there is one. Any thread may call it; only the node's thread brings messages.
     """
 
     def __init__(
@@ -168,8 +168,9 @@ class AircraftTopics:
         aircraft: str,
         terrain: Terrain | None,
         show: Callable[[int, bytes], None],
+        video: str = PAINTED,
     ) -> None:
-        self.terrain = terrain
+        self.terrain, self.video = terrain, video
         self.plane: TangentPlane | None = None
         self.map_frame = node.messages.frames.map
         self.namespace = f"/{aircraft}" if aircraft else node.get_namespace().rstrip("/")
@@ -185,7 +186,7 @@ class AircraftTopics:
             self.listen(topic, keep, output(STREAM_DEPTH), decoded=False)
         for topic in (INFO, FOOTPRINT):
             self.listen(topic, partial(self._keep, topic), output(1), decoded=False)
-        self.listen(VIDEO, self._take_picture, output(IMAGE_DEPTH))
+        self.listen(video, self._take_picture, output(IMAGE_DEPTH))
         self.listen("tirgeo/origin", self._take_origin, latched())
         now_s, take = time.monotonic, self.reports.take_state
         self.listen(STATE_TOPIC, lambda message: take(now_s(), message), latched(_MOST_NODES))
@@ -222,7 +223,7 @@ class AircraftTopics:
         if stamp < self.newest_ns - _BACK_NS:
             self._newest.clear()  # of an earlier flight: the clock was set back
         self.newest_ns = stamp
-        self._keep(VIDEO, b"")
+        self._keep(self.video, b"")
         self._show(stamp, bytes(message.data))
 
     def _take_origin(self, message: Any) -> None:

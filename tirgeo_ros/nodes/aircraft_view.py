@@ -38,17 +38,19 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.verdicts import FilterState, NavigationStatus
-from tirgeo_ros.io.messages import TOPIC_TYPES, answer_of, body_pose, finding_row
+from tirgeo_ros.io.messages import TOPIC_TYPES, answer_of, body_pose, finding_row, stamp_ns
+from tirgeo_ros.io.messages.topics import IMAGE_DEPTH
 from tirgeo_ros.nodes.aircraft_topics import (
     ODOMETRY,
     POSE,
-    VIDEO,
     AircraftTopics,
     Reports,
     places_n,
 )
 from tirgeo_ros.nodes.graph_node import GraphNode, Output, latched, output
 
+CLEAN, SHAPES = "tirgeo/overlay/clean/compressed", "tirgeo/overlay/shapes"
+_MOST_HALVES = 8  # pictures, or shapes, that wait for their other half
 #: Silence (s) of a needed stream, or time without a map, that ends GO; faultless time for GO.
 _SILENT_S, _GOOD_S = 1.0, 2.0
 #: Silence (s) from which an earlier stream or an input may be the cause that a stream has ended.
@@ -105,7 +107,7 @@ class Stream(NamedTuple):
 STREAMS = (
     Stream("tirgeo/odometry", "position", "ekf_node", "The filter", {"imu/data": "The IMU"}),
     Stream("tirgeo/camera_pose", "camera pose", "gimbal_node", "The gimbal program", _GIMBAL),
-    Stream("tirgeo/overlay/image/compressed", "picture", *_OVERLAY, _CAMERA),
+    Stream(CLEAN, "picture", *_OVERLAY, _CAMERA),
     Stream("tirgeo/overlay/camera_info", "calibration", *_OVERLAY, _INFO),
 )
 _GO = Verdict("GO", "good")
@@ -221,6 +223,32 @@ def navigation_verdict(status: NavigationStatus | None) -> Verdict | None:
     return Verdict(word, "caution", "position", status.for_operator, status.reason)
 
 
+class PicturePairs:
+    """Join pictures with the shapes of the same stamp; ``show`` takes stamp, JPEG and shapes.
+
+    A half whose other one does not come is forgotten when newer ones have come.
+    """
+
+    def __init__(self, show: Callable[[int, bytes, bytes], None]) -> None:
+        self._show = show
+        self._pictures, self._shapes = dict[int, bytes](), dict[int, bytes]()
+
+    def take_picture(self, stamp: int, jpeg: bytes) -> None:
+        """Take a picture: its stamp (ns) and its JPEG."""
+        self._take(stamp, jpeg, self._pictures)
+
+    def take_shapes(self, stamp: int, shapes: bytes) -> None:
+        """Take what is drawn on the picture of a stamp (ns)."""
+        self._take(stamp, shapes, self._shapes)
+
+    def _take(self, stamp: int, half: bytes, halves: dict[int, bytes]) -> None:
+        halves[stamp] = half
+        if stamp in self._pictures and stamp in self._shapes:
+            self._show(stamp, self._pictures.pop(stamp), self._shapes.pop(stamp))
+        while len(halves) > _MOST_HALVES:
+            del halves[next(iter(halves))]
+
+
 class AircraftView(AircraftTopics):
     """Give the page the state of one aircraft; ``answered`` takes the answers to clicks."""
 
@@ -229,10 +257,13 @@ class AircraftView(AircraftTopics):
         node: GraphNode,
         aircraft: str,
         terrain: Terrain | None,
-        show: Callable[[int, bytes], None],
+        show: Callable[[int, bytes, bytes], None],
         answered: Callable[[Answer], None],
     ) -> None:
-        super().__init__(node, aircraft, terrain, show)
+        self._pairs = PicturePairs(show)
+        super().__init__(node, aircraft, terrain, self._pairs.take_picture, CLEAN)
+        take_shapes = self._pairs.take_shapes
+        self.listen(SHAPES, lambda m: take_shapes(stamp_ns(m), bytes(m.data)), output(IMAGE_DEPTH))
         self._track, self._sent = list[Place](), list[Place]()
         self.listen("tirgeo/path", self._take_path, output(1))
         now_s, take = time.monotonic, self.reports.take_findings
@@ -279,10 +310,10 @@ class AircraftView(AircraftTopics):
         state |= track_fields(sent, self._sent)
         state["footprint"] = places(footprint_n, plane) if plane else []
         state |= self._verdict_fields(now_s, more_findings)
-        streams = {"video": VIDEO, "pose": ODOMETRY, "camera": POSE}
+        streams = {"video": CLEAN, "pose": ODOMETRY, "camera": POSE}
         ages = {name: self.age_s(topic) for name, topic in streams.items()}
         state["ages_s"] = ages | {"rtk": self.reports.input_age_s("ekf_node", "rtk/fix", now_s)}
-        video = self._node.monitor.topics().get(f"{self._prefix}{VIDEO}")
+        video = self._node.monitor.topics().get(f"{self._prefix}{CLEAN}")
         return state | {"video_hz": video.rate_hz if video else 0.0}
 
     def _verdict_fields(self, now_s: float, more: Sequence[Finding]) -> dict[str, Any]:

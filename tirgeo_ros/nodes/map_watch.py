@@ -25,7 +25,7 @@ from typing import final
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap
+from tirgeo_ros.core.overlay.map_shapes import DrapedMap
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.files.whole_files import named_files
 from tirgeo_ros.io.maps import map_files

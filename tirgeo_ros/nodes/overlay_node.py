@@ -32,9 +32,10 @@ from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.overlay.clicks import TEMPERATURE_SCALE
+from tirgeo_ros.core.overlay.frame_shapes import DrawingVerdict, FrameShapes, Unpainted
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, OverlayResult
 from tirgeo_ros.core.streams.stamps import Arrivals, RateLimit
+from tirgeo_ros.core.types.arrays import Pixels
 from tirgeo_ros.core.types.errors import shown
 from tirgeo_ros.core.types.finding import Severity, verdict_line
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -53,6 +54,7 @@ from tirgeo_ros.io.messages import (
 )
 from tirgeo_ros.io.messages.json_codec import answer_text
 from tirgeo_ros.io.messages.pictures import camera, compressed_pixels, image_pixels
+from tirgeo_ros.io.messages.shapes_codec import SHAPES_FORMAT, written_shapes
 from tirgeo_ros.io.messages.topics import IMAGE_DEPTH, TEMPERATURES
 from tirgeo_ros.io.pictures.camera_file import configured_camera
 from tirgeo_ros.nodes.graph_node import GraphNode, latched, output, sensor_input, with_info
@@ -109,6 +111,9 @@ class OverlayNode(GraphNode):
         self._arrivals = Arrivals()
         self._image = self.advertise("tirgeo/overlay/image", output(IMAGE_DEPTH))
         self._jpeg = self.advertise("tirgeo/overlay/image/compressed", output(IMAGE_DEPTH))
+        self._clean = self.advertise("tirgeo/overlay/clean/compressed", output(IMAGE_DEPTH))
+        self._shapes = self.advertise("tirgeo/overlay/shapes", output(IMAGE_DEPTH))
+        self._markers = self.advertise("tirgeo/overlay/markers", output(IMAGE_DEPTH))
         self._jpeg_rate = RateLimit(self._config.compressed_rate_hz)
         self._info = self.advertise("tirgeo/overlay/camera_info", output(IMAGE_DEPTH))
         self._footprint = self.advertise("tirgeo/footprint", output())
@@ -218,9 +223,9 @@ class OverlayNode(GraphNode):
         if not self._overlay.frames:
             return
         self._renew_map()
-        result = self._overlay.take(self.now_ns)
-        if result is not None:
-            self._publish(result)
+        picture = self._overlay.take_unpainted(self.now_ns)
+        if picture is not None:
+            self._publish(picture)
         if not self._overlay.frames:
             self._timer.cancel()
 
@@ -238,30 +243,56 @@ class OverlayNode(GraphNode):
             self._overlay.map_failed(self.resources.failure)
             self._setup.take(self._map_checks.failed, self.resources.error)
 
-    def _publish(self, result: OverlayResult) -> None:
-        if self._image.is_wanted:
-            self._image.publish(self.messages.image(result.stamp_ns, result.image))
-        if self._jpeg.is_wanted and self._jpeg_rate.due(result.stamp_ns):
-            quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
-            jpeg = cv2.imencode(".jpg", result.image, quality)[1].tobytes()
-            self._jpeg.publish(self.messages.compressed(result.stamp_ns, jpeg))
-        had_notice, self._notice = bool(self._notice), result.notice
-        if bool(result.notice) != had_notice:  # at once: an operator is waiting for it
+    def _publish(self, picture: Unpainted) -> None:
+        stamp, shapes = picture.stamp_ns, self._overlay.painter.shapes(picture)
+        is_due = self._jpeg_rate.due(stamp)
+        clean = self._clean, self._shapes, self._markers
+        if is_due and any(topic.is_wanted for topic in clean):
+            self._publish_clean(picture, shapes)
+        if self._image.is_wanted or (is_due and self._jpeg.is_wanted):
+            self._publish_painted(picture, shapes, is_due=is_due)
+        had_notice, self._notice = bool(self._notice), shapes.notice
+        if bool(shapes.notice) != had_notice:  # at once: an operator is waiting for it
             self.report([self._overlay_item()])
-        self.monitor.published("tirgeo/overlay/image", self._frames.age_s(result.stamp_ns))
-        self._publish_geometry(result)
+        self.monitor.published("tirgeo/overlay/image", self._frames.age_s(stamp))
+        self._publish_geometry(picture)
 
-    def _publish_geometry(self, result: OverlayResult) -> None:
+    def _publish_clean(self, picture: Unpainted, shapes: FrameShapes) -> None:
+        """Publish a picture without its map, and what is drawn on it: the page draws it."""
+        stamp, clean = picture.stamp_ns, self._overlay.painter.clean(picture)
+        written = written_shapes(shapes, clean.pixels, clean.celsius)
+        if self._shapes.is_wanted:
+            data = written.to_bytes()
+            self._shapes.publish(self.messages.compressed(stamp, data, SHAPES_FORMAT))
+        if self._clean.is_wanted:
+            jpeg = self._jpeg_of(clean.pixels)
+            self._clean.publish(self.messages.compressed(stamp, jpeg))
+        if self._markers.is_wanted:
+            self._markers.publish(self.messages.line_marker(stamp, written))
+
+    def _publish_painted(self, picture: Unpainted, shapes: FrameShapes, *, is_due: bool) -> None:
+        image = self._overlay.painter.paint(picture, shapes).image
+        if self._image.is_wanted:
+            self._image.publish(self.messages.image(picture.stamp_ns, image))
+        if is_due and self._jpeg.is_wanted:
+            jpeg = self._jpeg_of(image)
+            self._jpeg.publish(self.messages.compressed(picture.stamp_ns, jpeg))
+
+    def _jpeg_of(self, image: Pixels) -> bytes:
+        quality = [cv2.IMWRITE_JPEG_QUALITY, self._config.jpeg_quality]
+        return cv2.imencode(".jpg", image, quality)[1].tobytes()
+
+    def _publish_geometry(self, picture: Unpainted) -> None:
         """Publish a picture's calibration, and its footprint if that is due.
 
         The footprint of a picture without a trusted pose is empty, so that no viewer keeps an old
         one.
         """
-        if result.camera is not None and self._info.is_wanted:
-            self._info.publish(self.messages.camera_info(result.camera, result.stamp_ns))
-        if self._footprint.is_wanted and self._footprint_rate.due(result.stamp_ns):
-            outline_n = self._overlay.painter.footprint(result.pose)
-            self._footprint.publish(self.messages.footprint(result.stamp_ns, outline_n))
+        if picture.camera is not None and self._info.is_wanted:
+            self._info.publish(self.messages.camera_info(picture.camera, picture.stamp_ns))
+        if self._footprint.is_wanted and self._footprint_rate.due(picture.stamp_ns):
+            outline_n = self._overlay.painter.shaper.footprint(picture.pose)
+            self._footprint.publish(self.messages.footprint(picture.stamp_ns, outline_n))
 
     def _items(self) -> list[DiagnosticItem]:
         self._renew_map()

@@ -51,9 +51,19 @@ _RETRY_S = 5.0
 _MEET_S = 5.0  # until a node that has just started has discovered a camera
 _RAW, _COMPRESSED = "thermal/image_raw", "thermal/image_raw/compressed"
 _TF = ("/tf", "/tf_static")
+#: What the page's video is made of; it can be made again from the rest.
+_FOR_PAGES = {f"tirgeo/overlay/{name}" for name in ("clean/compressed", "shapes", "markers")}
 #: Not in every recording. The overlay only as JPEG: overlay_node would have to make the raw form
 #: for the recording alone.
-_LEFT_OUT = {_RAW, _COMPRESSED, "tirgeo/overlay/image", "tirgeo/targets/markers", "/clock", *_TF}
+_LEFT_OUT = {
+    _RAW,
+    _COMPRESSED,
+    "tirgeo/overlay/image",
+    "tirgeo/targets/markers",
+    "/clock",
+    *_TF,
+    *_FOR_PAGES,
+}
 TOPICS = [topic for topic in TOPIC_TYPES if topic not in _LEFT_OUT]
 
 
@@ -254,6 +264,8 @@ class Recordings:
     def _started(self, aircraft: str) -> Recording:
         utc = time.strftime("%Y-%m-%dT%H-%M-%SZ", time.gmtime())
         name = "-".join([*filter(None, aircraft.split("/")), utc])
+        while (self._folder / f"{name}.mcap").exists():  # the clock was set back
+            name += "-again"
         bag, video = self._folder / f"{name}.mcap", self._folder / f"{name}.ts"
         namespace = self._namespaces[aircraft]
         # The camera's JPEG where it sends one, else the raw form.

@@ -299,8 +299,9 @@ class ViewerNode(GraphNode):
         sys.stdout.write(f"the page is at {operators}\n")
         sys.stdout.flush()
 
-    def _show(self, aircraft: str, stamp_ns: int, jpeg: bytes) -> None:
-        self._server.show(aircraft, stamp_ns, jpeg, taken_ns(stamp_ns, time.time_ns()))
+    def _show(self, aircraft: str, stamp_ns: int, jpeg: bytes, shapes: bytes) -> None:
+        begun_ns = taken_ns(stamp_ns, time.time_ns())
+        self._server.show(aircraft, stamp_ns, jpeg, begun_ns, shapes)
 
     def _answered(self, aircraft: str, answer: Any) -> None:
         self._backend.answered(aircraft, answer)

@@ -139,6 +139,7 @@ class Access:
             self.tokens[role] = token or base64.urlsafe_b64encode(derived).decode()
         self.scheme = "https" if config.certificate else "http"
         self._names = {*_LOOPBACK_NAMES, host.lower()}
+        self._steady_s = time.time() - time.monotonic()  # a clock that is set ends no session
         if not is_loopback(host):
             name = socket.gethostname().lower()
             self._names |= {name, f"{name.partition('.')[0]}.local"}
@@ -179,7 +180,7 @@ class Access:
         if role not in self.tokens or not _same(self._signature(role, signed), signature):
             return None
         end = signed.split(".")[1]  # signed by this server, so of its form
-        return role if int(end) > time.time() else None
+        return role if int(end) > time.monotonic() + self._steady_s else None
 
     def user(self, request: web.Request) -> tuple[str | None, str]:
         """Return the role of a request's sender, and its share's owner: session or address."""
@@ -195,7 +196,8 @@ class Access:
 
     def admit(self, response: web.Response, request: web.Request, role: str) -> None:
         """Give the browser a session."""
-        signed = f"{role}.{int(time.time()) + _SESSION_S}.{secrets.token_urlsafe(18)}"
+        end_s = int(time.monotonic() + self._steady_s) + _SESSION_S
+        signed = f"{role}.{end_s}.{secrets.token_urlsafe(18)}"
         response.set_cookie(
             self.cookie(request),
             f"{signed}.{self._signature(role, signed)}",

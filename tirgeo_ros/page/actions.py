@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 import pyproj
 
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.targets.target import KINDS, STATUSES, Target, near
 from tirgeo_ros.core.types.errors import TirgeoError, shown
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.messages.json_codec import target_row
@@ -148,6 +148,7 @@ _stamp = _check(
 )
 _flag = _check(lambda value: isinstance(value, bool), "true or false")
 _kind = _check(lambda value: value in [*KINDS], f"one of {', '.join(KINDS)}")
+_status = _check(lambda value: value in [*STATUSES], f"one of {', '.join(STATUSES)}")
 _id = _check(partial(_matches, "[0-9a-f]{32}"), "the id of a target")
 _id_or_none = _check(lambda value: value is None or _id(value), "the id of a target")
 _texts = _check(_is_texts, "an object of texts: what each field was")
@@ -167,8 +168,9 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
         "refine": _id_or_none,
     },
     "edit": {"id": _id, "was": _texts},
-    "leave_out": {"id": _id, "field": _text(4), "text": _text(MOST_NOTE)},
+    "leave_out": {"id": _id, "field": _text(6), "text": _text(MOST_NOTE)},
     "delete": {"id": _id, "was": _texts},
+    "merge": {"id": _id, "into": _id},
     "undo": {},
     "record": {"aircraft": _aircraft, "on": _flag},
     "mark": {"text": _text(MOST_MARK)},
@@ -178,7 +180,12 @@ _MUST: Mapping[str, Mapping[str, Check]] = {
 }
 #: Type of request -> the fields that it may have.
 _MAY: Mapping[str, Mapping[str, Check]] = {
-    "edit": {"name": _text(MOST_NAME), "kind": _kind, "note": _text(MOST_NOTE)},
+    "edit": {
+        "name": _text(MOST_NAME),
+        "kind": _kind,
+        "note": _text(MOST_NOTE),
+        "status": _status,
+    },
     "undo": {"id": _id},
 }
 _request_name = _text(40, 1)
@@ -271,7 +278,10 @@ class Actions:
         if refine:
             return more | await self._target(lambda: store.refine(refine, place, now_ns))
         add = partial(store.add, place, aircraft=aircraft, kind=kind, now_ns=now_ns)
-        return more | await self._target(lambda: add(picture=cut_out()))
+        answer = more | await self._target(lambda: add(picture=cut_out()))
+        found = await asyncio.to_thread(lambda: near(place, store.all()))
+        own_id = answer["target"]["id"]
+        return answer | {"near": [each.id for each in found if each.id != own_id]}
 
     async def _edit(self, id: str, was: _Was, **words: str) -> dict[str, Any]:  # noqa: A002  the page's own word
         edit = partial(self._backend.targets.edit, id, time.time_ns(), was)
@@ -284,6 +294,10 @@ class Actions:
     async def _delete(self, id: str, was: _Was) -> dict[str, Any]:  # noqa: A002 as sent
         await self._stored(partial(self._backend.targets.delete, id, time.time_ns(), was))
         return {}
+
+    async def _merge(self, id: str, into: str) -> dict[str, Any]:  # noqa: A002 as sent
+        merge, now_ns = self._backend.targets.merge, time.time_ns()
+        return await self._target(partial(merge, id, into, now_ns))
 
     async def _undo(self, id: str | None = None) -> dict[str, Any]:  # noqa: A002 as sent
         text = await self._stored(partial(self._backend.targets.undo, id))

@@ -36,7 +36,7 @@ from typing import Any, TypeVar
 import segno
 from aiohttp import web
 
-from tirgeo_ros.core.targets.target import KINDS
+from tirgeo_ros.core.targets.target import COLOURS, KINDS, STATUSES
 from tirgeo_ros.core.types.errors import PageError, TargetError
 from tirgeo_ros.io.targets.formats import FORMATS, exported
 from tirgeo_ros.io.targets.store import MOST_NAME, MOST_NOTE
@@ -44,13 +44,20 @@ from tirgeo_ros.page.access import Guard, Shares
 from tirgeo_ros.page.actions import Actions, Backend
 from tirgeo_ros.page.connections import OPERATOR, VIEWER
 from tirgeo_ros.page.state_hub import StateHub, StatePage
-from tirgeo_ros.page.video import VideoFeed, VideoViewer, bound_kernel_buffer
+from tirgeo_ros.page.video import (
+    Sizes,
+    VideoFeed,
+    VideoViewer,
+    bound_kernel_buffer,
+    message_of,
+)
 
 _T = TypeVar("_T")
 _MESSAGE_BYTES = 64 * 1024
 _HEARTBEAT_S, _CLOSING_S = 10.0, 2.0
 _REQUESTS_A_S, _REQUESTS_AT_ONCE = 100.0, 200.0  # of all pages of a session, on /state
 _DAY = "max-age=86400"
+_NOT_KEPT = {"Cache-Control": "no-store"}  # by the browser
 _QUIET = 2  # light modules around a QR code; terminals add their own margin
 _TILE_TYPES = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 _DEEPEST = 24
@@ -205,6 +212,8 @@ class Routes:
             web.post("/enter", guard.enter),
             web.get("/state", partial(self._state, actions=actions)),
             web.get("/video/{aircraft:.*}", self._video),
+            web.get("/frames/{aircraft:.*}", self._frames),
+            web.get(r"/frame/{aircraft:.*}/{stamp:\d{1,19}}", self._frame),
             web.get("/map/{aircraft:.*}", self._map),
             web.get(r"/tiles/{z:\d{1,2}}/{x:\d{1,8}}/{y:\d{1,8}}", self._tile),
             web.get("/export/{format}", self._export),
@@ -228,6 +237,8 @@ class Routes:
             "role": role,
             "aircraft": [{"id": id_, "name": name} for id_, name in self._aircraft.items()],
             "kinds": KINDS,
+            "colours": COLOURS,
+            "statuses": STATUSES,
             "most": {"name": MOST_NAME, "note": MOST_NOTE},
             "tiles": self._tiles.about if self._tiles else None,
             "now_ns": str(time.time_ns()),
@@ -250,6 +261,21 @@ class Routes:
             finally:
                 self._viewers.discard(viewer)
         return socket
+
+    async def _frames(self, request: web.Request) -> web.Response:
+        """Answer which pictures one can go back to."""
+        feed = _or_404(self._feeds.get(request.match_info["aircraft"]))
+        stamps = {"stamps_ns": [str(stamp) for stamp in feed.stamps_ns()]}
+        answer = web.json_response(stamps, headers=_NOT_KEPT)
+        answer.enable_compression()
+        return answer
+
+    async def _frame(self, request: web.Request) -> web.Response:
+        """Answer one of them, at full size: the message that ``/video`` has."""
+        feed = _or_404(self._feeds.get(request.match_info["aircraft"]))
+        picture = _or_404(feed.kept.get(int(request.match_info["stamp"])))
+        body = message_of(picture, Sizes(picture.shapes, picture.jpeg))
+        return web.Response(body=body, content_type="application/octet-stream", headers=_NOT_KEPT)
 
     @asynccontextmanager
     async def _opened(
@@ -311,15 +337,17 @@ class Routes:
         return web.Response(body=_or_404(body), content_type="image/jpeg")
 
     async def _code(self, request: web.Request) -> web.Response:
+        def code() -> bytes:
+            place = self._backend.targets.get(request.match_info["id"]).place
+            uri, out = f"geo:{place.latitude_deg:.7f},{place.longitude_deg:.7f}", io.BytesIO()
+            segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
+            return out.getvalue()
+
         try:
-            get = partial(self._backend.targets.get, request.match_info["id"])
-            target = await self._run(request, get)
+            body = await self._run(request, code)
         except TargetError:
             raise web.HTTPNotFound from None
-        out = io.BytesIO()
-        uri = f"geo:{target.place.latitude_deg:.7f},{target.place.longitude_deg:.7f}"
-        segno.make(uri, micro=False).save(out, kind="svg", scale=4, light="white")
-        return web.Response(body=out.getvalue(), content_type="image/svg+xml")
+        return web.Response(body=body, content_type="image/svg+xml")
 
     async def _run(self, request: web.Request, call: Callable[[], _T]) -> _T:
         async with self._large[self._user(request)[0] or VIEWER]:

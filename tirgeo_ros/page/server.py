@@ -56,7 +56,8 @@ class PageServer:
         self._backend, self._config, self._aircraft = backend, config, dict(aircraft)
         self._access = Access(config)
         self._workers = ThreadPoolExecutor(1, "page pictures")
-        self._feeds = {id_: VideoFeed(self._workers) for id_ in self._aircraft}
+        kept_bytes = round(config.rewind_mb * 1e6)
+        self._feeds = {id_: VideoFeed(self._workers, kept_bytes) for id_ in self._aircraft}
         self._thread = threading.Thread(target=self._run, name="page", daemon=True)
         self._started: Future[asyncio.AbstractEventLoop] = Future()
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -84,6 +85,8 @@ class PageServer:
         self._thread.join(_ENDING_S)
         self._workers.shutdown(wait=False)
         self._loop = None
+        for feed in self._feeds.values():
+            feed.kept.close()
 
     @property
     def operator_url(self) -> str:
@@ -104,15 +107,22 @@ class PageServer:
             "damaged pictures": sum(feed.damaged for feed in self._feeds.values()),
         }
 
-    def show(self, aircraft: str, stamp_ns: int, jpeg: bytes, begun_ns: int | None = None) -> None:
-        """Show the newest picture.
+    def show(
+        self,
+        aircraft: str,
+        stamp_ns: int,
+        jpeg: bytes,
+        begun_ns: int | None = None,
+        shapes: bytes = b"",
+    ) -> None:
+        """Show the newest picture, with the shapes that are drawn on it.
 
         ``begun_ns`` is this computer's time when the picture was taken, by default its stamp. For
         a stamp in sim time, pass the time of its arrival.
         """
         begun_ns = stamp_ns if begun_ns is None else begun_ns
         feed = self._feeds[aircraft]
-        self._call(lambda: feed.show(stamp_ns, begun_ns, jpeg))
+        self._call(lambda: feed.show(stamp_ns, begun_ns, jpeg, shapes))
 
     def report(self, aircraft: str, state: Mapping[str, Any]) -> None:
         """Show a state; non-finite numbers become null; ``track`` holds only new points."""

@@ -33,7 +33,7 @@ from tirgeo_ros.core.checks.ground_checks import (
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.map_shapes import drape_layers
 from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
 from tirgeo_ros.io.maps import load_layers

@@ -26,7 +26,7 @@ from overlays import PLANE, geo
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer
 from tirgeo_ros.core.map.visibility import likely_mistake, nearest_feature
-from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.map_shapes import drape_layers
 
 HERE = TangentPlane(math.radians(48.1), math.radians(11.5), 500.0)  # UTM zone 32
 

@@ -36,6 +36,7 @@ from tirgeo_ros.core.overlay.clicks import (
     Clicks,
     Marker,
     PlacedMarkers,
+    marker_shapes,
     thermal_of,
 )
 from tirgeo_ros.core.overlay.map_renderer import LineRenderer
@@ -168,7 +169,7 @@ POSE = camera_pose([0.0, 0.0, -HEIGHT_M], covariance=1e-6)
 def test_the_ellipse_holds_95_percent(sigma_m):
     image = np.full((512, 640, 3), 128, np.uint8)
     marker = Marker(np.zeros(3), "x", np.diag([sigma_m**2, sigma_m**2, 0.0]))
-    placed = PlacedMarkers(image, CAMERA, POSE, [marker])
+    placed = PlacedMarkers(image, marker_shapes(CAMERA, POSE, [marker]))
     placed.paint(image, LineRenderer())
     for box in placed.boxes:
         image[box.top : box.bottom, box.left : box.right] = 128

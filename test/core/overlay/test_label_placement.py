@@ -25,7 +25,7 @@ from tirgeo_ros.core.camera.camera_model import Camera
 from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer, VectorMap
 from tirgeo_ros.core.map.visibility import View
-from tirgeo_ros.core.overlay.label_placement import Labels
+from tirgeo_ros.core.overlay.label_placement import AnchorFinder, Labels
 from tirgeo_ros.core.overlay.written_text import Box
 
 CAMERA = Camera(640, 512, 640.0, 640.0, 319.5, 255.5)
@@ -57,16 +57,19 @@ class Scene:
     def __init__(self, *layers):
         styled = [MapLayer("", each, LayerStyle()) for each in layers]
         self.map = VectorMap.from_layers(styled, PLANE)
-        self.labels, self.view = Labels(self.map), View(CAMERA)
+        self.anchors, self.labels, self.view = AnchorFinder(self.map), Labels(), View(CAMERA)
         self.size = CAMERA.height, CAMERA.width, 3
 
     def place(self, at=None, taken=(STRIP,)):
         at = at or pose()
         lines, marks = self.view.lines(self.map, at), self.view.marks(self.map, at)
-        labels, points = self.labels.place(np.zeros(self.size, np.uint8), lines, marks, taken)
-        assert [label.feature for label in labels] == points.owner.tolist()
-        rows = zip(labels, points.uv.T, points.rays.T, strict=True)
-        return {self.map.labels[label.feature]: Placed(label.box, *rest) for label, *rest in rows}
+        found = self.anchors.find(lines, marks, self.labels.shown)
+        image = np.zeros(self.size, np.uint8)
+        labels = self.labels.place(image, self.map.labels, found, marks.points, taken)
+        names = [self.map.labels[feature] for feature in found.feature]
+        return {
+            names[row]: Placed(box, found.uv[:, row], found.rays[:, row]) for row, box in labels
+        }
 
 
 def middle(label):

@@ -48,7 +48,7 @@ from tirgeo_ros.core.frames.rotations import matrix_from_quat
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.map.vector_map import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.map_shapes import drape_layers
 from tirgeo_ros.core.overlay.overlay import Frame, FrameQueue, Overlay
 from tirgeo_ros.core.types.verdicts import FilterState
 
@@ -95,6 +95,14 @@ def test_another_map_while_running():
     pixels = ink_on(pictured(overlay, START + MS).image)
     outline = true_outline(pose_at(START), SQUARE_N + MOVED_N)
     assert distances(pixels, outline).max() < 1.5
+
+
+def test_a_map_with_fewer_features_after_one_with_labels():
+    """The labels of the former map are no features of this one."""
+    overlay = ready([geo(SQUARE_N + 2 * number, f"house {number}") for number in range(3)])
+    pictured(overlay)
+    overlay.set_map(drape_layers([MapLayer("one", [geo(SQUARE_N, "house")])], PLANE, math.nan))
+    assert_on(pictured(overlay, START + MS).image, pose_at(START))
 
 
 def test_a_map_that_is_draped_elsewhere_is_awaited_in_each_plane():
@@ -145,7 +153,7 @@ def test_a_click_needs_no_map(layers, failure, notice, untrusted):
     overlay.map_failed(failure or overlay.no_map_yet)
     result = pictured(overlay)
     assert result.notice == notice
-    assert len(overlay.painter.footprint(result.pose)) > 2
+    assert len(overlay.painter.shaper.footprint(result.pose)) > 2
     assert not (ink_on(result.image)[:, 1] > 150).any()  # no line
     at_px = tuple(
         XT2.project((SQUARE_N[:1] - [0, 0, -20]) @ matrix_from_quat(pose_at(0).q_nc))[0][0]

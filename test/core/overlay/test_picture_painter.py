@@ -45,9 +45,10 @@ from tirgeo_ros.core.map.vector_map import GeoFeature, LayerStyle, MapLayer
 from tirgeo_ros.core.map.visibility import why_absent
 from tirgeo_ros.core.overlay import picture_painter
 from tirgeo_ros.core.overlay.clicks import Marker
-from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.frame_shapes import DrawingVerdict, Unpainted
+from tirgeo_ros.core.overlay.map_shapes import drape_layers
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, PicturePainter, ToneMapper
+from tirgeo_ros.core.overlay.picture_painter import PicturePainter, ToneMapper
 from tirgeo_ros.core.types.finding import Severity
 
 FRAME_NS = 33_333_333
@@ -195,6 +196,11 @@ def town(rng):
     return features
 
 
+def unpainted(image, pose, markers, verdict):
+    seen = image, None, pose, None, "", 0.0, tuple(markers), verdict
+    return Unpainted(START, *seen, status=None, age_s=0.0, rate_hz=10.0, replaced=0)
+
+
 @pytest.mark.parametrize("width", [336, 640])
 def test_texts_do_not_overlap(width):
     rng = np.random.default_rng(13)
@@ -202,7 +208,7 @@ def test_texts_do_not_overlap(width):
     height = round(part * XT2.height)
     camera = Camera(width, height, part * XT2.fx, part * XT2.fy, part * XT2.cx, part * XT2.cy)
     drawing = PicturePainter(OverlayConfig(ground_height_m=25.0), [MapLayer("t", town(rng))], None)
-    drawing.set_plane(PLANE)
+    drawing.shaper.set_plane(PLANE)
     drawing.set_lens(camera, rectify=False)
     for number in range(POSES):
         image = np.full((height, width, 3), 90, np.uint8)
@@ -212,13 +218,13 @@ def test_texts_do_not_overlap(width):
         points = np.column_stack([rng.uniform(-100, 100, (20, 2)), np.zeros(20)])
         clicks = [Marker(p, f"30.500123 114.30012{k}", np.eye(3)) for k, p in enumerate(points)]
         pose = camera_pose(position_n, *angles_deg, 1e-3)
-        drawn = drawing.draw(image, pose, None, clicks, verdict)
-        for item, other in combinations(drawn.boxes, 2):
+        boxes = drawing.draw(image, drawing.shapes(unpainted(image, pose, clicks, verdict)))
+        for item, other in combinations(boxes, 2):
             assert not item.meets(other), (number, item, other)
-        for box in drawn.boxes:
+        for box in boxes:
             assert 0 <= box.left < box.right <= width
             assert 0 <= box.top < box.bottom <= height
-        labels += len(drawn.boxes)
+        labels += len(boxes)
     assert labels > 8 * POSES  # or it has shown nothing
 
 

@@ -27,8 +27,8 @@ from tirgeo_ros.core.ground.backprojection import locate
 from tirgeo_ros.core.ground.frame_geometry import Sight, camera_heading_rad
 from tirgeo_ros.core.overlay.scale_bar_compass import (
     place_rose,
-    place_scale_bar,
     scale_bar,
+    seen_bar,
 )
 from tirgeo_ros.core.overlay.written_text import text_px
 
@@ -76,7 +76,7 @@ def test_no_bar_where_no_ground_is_seen():
     assert scale_bar(Sight(XT2, pose(), PLANE, math.nan), 12.0, 470.0) is None  # height unknown
     assert scale_bar(Sight(XT2, pose(), PLANE, 500.0), 12.0, 470.0) is None  # under the ground
     image = np.full((512, 640, 3), GREY, np.uint8)
-    assert place_scale_bar(image, Sight(XT2, pose(down=-40.0), PLANE, 11.5)) is None
+    assert seen_bar(image, Sight(XT2, pose(down=-40.0), PLANE, 11.5)) is None
 
 
 @given(yaw=st.floats(0, 359.9), down=st.floats(75, 105))

@@ -34,7 +34,9 @@ from tirgeo_ros.core.overlay.uncertainty_rendering import (
     Anchors,
     cut,
     marked,
+    outlines,
     sampled,
+    with_ellipses,
     with_marks,
 )
 
@@ -69,7 +71,7 @@ RADIUS_PX_PER_M = RADIUS * PX_PER_M
 
 def faded_lines(config, pose, lines, sigma_m=None):
     none = anchors_at(pose, [])
-    return marked(config, FrameConfidence(config, CAMERA, pose), lines, none, MARK_PX, sigma_m)[:2]
+    return marked(config, FrameConfidence(config, CAMERA, pose), lines, none, sigma_m)[:2]
 
 
 def faded(sigma_m, pose=None, **changes):
@@ -144,7 +146,8 @@ def test_cut_lines_are_the_same_lines():
 
 def ellipses_of(pose, anchors, sigma_m=None):
     frame = FrameConfidence(PLAIN, CAMERA, pose)
-    return marked(PLAIN, frame, seen_from(pose), anchors, MARK_PX, sigma_m)
+    result = marked(PLAIN, frame, seen_from(pose), anchors, sigma_m)
+    return result, outlines(anchors, result, np.arange(len(anchors.owner)), MARK_PX)
 
 
 def anchors_at(pose, uv):
@@ -155,13 +158,13 @@ def anchors_at(pose, uv):
 def test_ellipses_are_the_covariances():
     covariance = np.diag([0.2**2, 0.4**2, 0.0, 0.0, 0.0, 0.0])  # north is up in the picture
     pose = pose_at(covariance=covariance)
-    result = ellipses_of(pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
+    result, drawn = ellipses_of(pose, anchors_at(pose, [(319.5, 255.5), (100, 80)]))
     assert not result.uncertain.any()
-    dashes = len(result.outlines) // 2
-    assert result.outlines.owner.tolist() == [0] * dashes + [1] * dashes
+    dashes = len(drawn) // 2
+    assert drawn.owner.tolist() == [0] * dashes + [1] * dashes
     assert dashes > 5
     middles = np.repeat([(319.5, 255.5), (100, 80)], dashes, axis=0)
-    for line, middle in zip(result.outlines.split(), middles, strict=True):
+    for line, middle in zip(drawn.split(), middles, strict=True):
         off = (line - middle) / (np.array([0.4, 0.2]) * PX_PER_M)
         np.testing.assert_allclose((off**2).sum(axis=1), 5.991465, rtol=1e-6)
 
@@ -170,16 +173,13 @@ def test_an_ellipse_as_large_as_the_picture_is_a_hint():
     pose = pose_at()
     sigma_m = np.array([127.0, 129.0, 1e4]) / RADIUS_PX_PER_M
     anchors = anchors_at(pose, [(200, 200), (300, 200), (400, 200)])
-    result = ellipses_of(pose, anchors, sigma_m)
+    result, drawn = ellipses_of(pose, anchors, sigma_m)
     assert result.uncertain.tolist() == [False, True, True]
-    dashes = np.bincount(result.outlines.owner)
+    dashes = np.bincount(drawn.owner)
     assert dashes[0] == dashes[1] == dashes[2] > 3
-    points = np.diff(result.outlines.starts)
-    assert points[result.outlines.owner > 0].max() < points[result.outlines.owner == 0].min()
-    off = (
-        result.outlines.points.T
-        - anchors.uv.T[np.repeat(result.outlines.owner, np.diff(result.outlines.starts))]
-    )
+    points = np.diff(drawn.starts)
+    assert points[drawn.owner > 0].max() < points[drawn.owner == 0].min()
+    off = drawn.points.T - anchors.uv.T[np.repeat(drawn.owner, points)]
     assert np.hypot(*off.T).max() <= 128 + 1e-9  # a quarter of 512 rows
 
 
@@ -187,11 +187,11 @@ def test_an_anchor_beyond_first_order_is_uncertain():
     covariance = np.zeros((6, 6))
     covariance[2, 2] = 3.0**2  # of 20 m
     pose = pose_at(covariance=covariance)
-    assert ellipses_of(pose, anchors_at(pose, [(330, 256)])).uncertain.all()
+    assert ellipses_of(pose, anchors_at(pose, [(330, 256)]))[0].uncertain.all()
     none = pose_at(covariance=-np.eye(6))
-    result = ellipses_of(none, anchors_at(none, [(330, 256)]))
+    result, drawn = ellipses_of(none, anchors_at(none, [(330, 256)]))
     assert result.uncertain.all()
-    assert len(result.outlines) == 0
+    assert len(drawn) == 0
 
 
 def test_labels_have_their_ellipses_before_other_marks():
@@ -201,9 +201,12 @@ def test_labels_have_their_ellipses_before_other_marks():
     marks = seen_from(pose, *[[point] for point in uv])
     labelled = anchors_at(pose, np.random.default_rng(6).uniform(200, 250, (30, 2)))
     labelled = labelled._replace(owner=np.arange(30) + 499)
-    chosen = with_marks(labelled, marks)
-    numbers = chosen.owner.tolist()
+    anchors = with_marks(labelled, marks)
+    chosen = with_ellipses(anchors, np.arange(30))
+    numbers = anchors.owner[chosen].tolist()
     assert len(set(numbers)) == len(numbers) == MOST_ELLIPSES
-    assert chosen.rays[2, 30:].min() >= np.sort(marks.rays[2])[-MOST_ELLIPSES]  # the nearest
+    nearest = np.sort(marks.rays[2])[-MOST_ELLIPSES]
+    assert anchors.rays[2, chosen[30:]].min() >= nearest
     few = with_marks(labelled, seen_from(pose, [(300, 200)]))
-    assert few.owner.tolist() == [*range(499, 529), 0]
+    assert few.owner[with_ellipses(few, np.arange(30))].tolist() == [*range(499, 529), 0]
+    assert len(with_ellipses(anchors, np.arange(5))) == MOST_ELLIPSES  # and of labels without room

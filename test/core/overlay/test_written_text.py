@@ -28,7 +28,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay import written_text as text
-from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.map_shapes import drape_layers
 from tirgeo_ros.core.overlay.written_text import (
     TEXT_BGR,
     Field,

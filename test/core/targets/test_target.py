@@ -27,7 +27,14 @@ from hypothesis import given, strategies as st
 from target_samples import COVARIANCE, PLACE, click, east_north_up, target
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.targets.target import COMMON, MEMORY_S, averaged, disagreement
+from tirgeo_ros.core.targets.target import (
+    COMMON,
+    MEMORY_S,
+    averaged,
+    disagreement,
+    known_status,
+    near,
+)
 from tirgeo_ros.core.types.errors import TargetError
 
 CHI2_95 = 5.991464547  # two degrees of freedom
@@ -272,3 +279,21 @@ def test_the_filter_s_error_on_the_ground_lasts_no_longer_than_assumed():
     for lag_s, share in result.items():
         assert share <= COMMON + (1 - COMMON) * np.exp(-lag_s / MEMORY_S), result
     assert result[8] > 0.4, result  # clicks in a row are not independent
+
+
+def test_near_is_what_both_covariances_allow_and_the_nearest_comes_first():
+    """The sum of both covariances is 8 m2 towards 30 deg, 0.5 m2 across; up does not count."""
+    turn, limit = math.radians(30), math.sqrt(-2 * math.log(0.01))  # chi-square, 2 degrees, 99 %
+    along = np.array([math.sin(turn), math.cos(turn)]) * math.sqrt(8) * limit
+    across = np.array([math.cos(turn), -math.sin(turn)]) * math.sqrt(0.5) * limit
+    places = [0.99 * along, 1.01 * along, 0.99 * across, 1.01 * across, [0.1, 0.0]]
+    targets = [target(k, click(*place, 50.0)) for k, place in enumerate(places, 1)]
+    assert [each.number for each in near(click(), targets)] == [5, 3, 1]
+    assert near(click(), []) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "status"), [("found", "found"), (None, "new"), ("Cow", "new"), (3, "new")]
+)
+def test_a_status_that_is_not_known_is_new(text, status):
+    assert known_status(text) == status

@@ -33,7 +33,7 @@ from project import reader_of
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer
-from tirgeo_ros.core.overlay.map_renderer import drape_layers
+from tirgeo_ros.core.overlay.map_shapes import drape_layers
 from tirgeo_ros.core.types.errors import ConfigError, MapError
 from tirgeo_ros.io.maps import load_layers, map_process as module
 from tirgeo_ros.io.maps.map_process import MapProcess, page_map

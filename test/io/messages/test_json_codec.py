@@ -118,6 +118,7 @@ def test_targets_come_back_without_notes_each_with_one_click():
     other = dataclasses.replace(
         TARGET, id="2" * 32, name='"\n\u00e4', note="secret", clicks=(LOCATED, LOCATED)
     )
+    other = dataclasses.replace(other, status="found")
     message = MESSAGES.text(targets_text([TARGET, other]))
     assert "secret" not in message.data
     assert targets_of(message) == [

@@ -98,11 +98,11 @@ def test_a_target_is_a_spot_with_place_errors_and_colour():
 
 def test_remarks_have_name_note_and_clicks():
     clicks = (CLICK, dataclasses.replace(CLICK, latitude_deg=48.21, stamp_ns=SEEN_NS + 10**9))
-    words = {"name": "roof", "note": "two floors", "aircraft": "uav1"}
+    words = {"name": "roof", "note": "two floors", "aircraft": "uav1", "status": "checked"}
     event = parsed(target_event(dataclasses.replace(TARGET, clicks=clicks, **words), NOW_NS))
     assert event.find("detail/contact").get("callsign") == "7 roof"
     remarks = event.find("detail/remarks").text
-    for text in ("two floors", "by uav1", "2 clicks", "the clicks disagree"):
+    for text in ("fire; checked; two floors", "by uav1", "2 clicks", "the clicks disagree"):
         assert text in remarks
 
 

@@ -105,6 +105,24 @@ def test_targets_have_the_properties_of_located_pixels_and_their_own():
     assert [item["properties"]["kind"] for item in ellipses] == ["ellipse"] * 2
 
 
+def test_each_format_has_the_status_and_kml_the_kind_s_colour():
+    found = [dataclasses.replace(TARGETS[0], status="found"), TARGETS[1]]
+    points = json.loads(exported(found, "geojson"))["features"][:2]
+    assert [point["properties"]["status"] for point in points] == ["found", "new"]
+    table = exported(found, "csv").decode().splitlines()
+    assert table[0].split(",")[10] == "status"
+    assert "; found; 95 %" in exported(found, "gpx").decode()
+    document = ET.fromstring(exported(found, "kml"))[0]
+    colours = {
+        style.get("id"): style.find(f"{KML}IconStyle/{KML}color").text
+        for style in document.findall(f"{KML}Style")
+    }
+    assert colours["fire"] == "ff0077ff"  # alpha, blue, green, red: as argb -35072 of CoT
+    uses = [mark.find(f"{KML}styleUrl").text for mark in document.findall(f"{KML}Placemark")]
+    assert uses == ["#fire", "#person"]
+    assert [url[1:] in colours for url in uses] == [True, True]
+
+
 def test_csv_has_a_line_for_each_target_and_excels_mark_of_utf_8():
     content = exported(TARGETS, "csv")
     assert content.startswith(b"\xef\xbb\xbfid,number,name,")

@@ -327,3 +327,42 @@ def test_a_damaged_byte_of_an_alternative_costs_a_letter(path, changed):
     store = TargetStore(path)
     assert store.alternatives() == {item.id: [["name", "\ufffde"]]}
     store.close()
+
+
+#: What a file of the version before targets had a status lacks.
+WITHOUT_STATUS = (
+    "DROP TRIGGER tirgeo_keep_status",
+    "DROP TRIGGER tirgeo_put_status",
+    "DROP TABLE tirgeo_statuses",
+    "ALTER TABLE targets DROP COLUMN status",
+    "ALTER TABLE tirgeo_changes DROP COLUMN status",
+)
+
+
+def test_a_file_of_before_targets_had_a_status_opens_and_all_are_new(path, changed):
+    targets = filled(path, 2)
+    changed(*WITHOUT_STATUS)
+    assert read_targets(path) == targets
+    store = TargetStore(path)
+    assert store.all() == targets
+    found = store.edit(targets[0].id, 9, status="found")
+    store.close()
+    assert read_targets(path) == [found, targets[1]]
+    store = TargetStore(path)
+    assert store.undo() == "target 1 as before"
+    assert store.all() == targets
+    store.close()
+
+
+def test_an_earlier_version_that_writes_a_target_anew_leaves_its_status(path, changed):
+    targets = filled(path, 2)
+    store = TargetStore(path)
+    store.edit(targets[0].id, 9, status="found")
+    store.close()
+    columns = "fid, geom, id, number, name, target_kind, created_ns, changed_ns"
+    changed(
+        "CREATE TEMP TABLE old AS SELECT * FROM targets",
+        "DELETE FROM targets",
+        f"INSERT INTO targets ({columns}) SELECT {columns} FROM old",
+    )
+    assert [target.status for target in read_targets(path)] == ["found", "new"]

@@ -16,7 +16,9 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -243,6 +245,30 @@ def test_threads_share_a_store(store):
     again.close()
 
 
+def test_who_looks_at_the_targets_waits_for_no_disk(store, monkeypatch):
+    """The thread that brings the video looks ten times a second, also during another's change."""
+    item, put = store.add(click(), now_ns=1), store_module.put_target
+    began, ended = threading.Event(), threading.Event()
+
+    def put_on_a_slow_card(db, target):
+        began.set()
+        ended.wait(60)
+        put(db, target)
+
+    monkeypatch.setattr(store_module, "put_target", put_on_a_slow_card)
+    writer = threading.Thread(target=store.edit, args=(item.id, 2), kwargs={"name": "Anna"})
+    writer.start()
+    assert began.wait(60)
+    with ThreadPoolExecutor(1) as reader:
+        looked = reader.submit(store.all)
+        try:
+            assert looked.result(20) == [item]
+        finally:
+            ended.set()
+            writer.join()
+    assert [each.name for each in store.all()] == ["Anna"]
+
+
 def test_texts_of_two_writers_are_kept_as_alternatives(store, monkeypatch):
     """Tablet A sends late a text that it wrote before B's."""
     item = store.add(click(), now_ns=1)
@@ -275,6 +301,15 @@ def test_texts_of_two_writers_are_kept_as_alternatives(store, monkeypatch):
     store.close()
 
 
+def test_a_text_that_two_dismiss_comes_back_with_one_undo(store):
+    item = store.add(click(), name="Anna", now_ns=1)
+    store.edit(item.id, 2, {"name": ""}, name="Berta")
+    dismissed = store.leave_out(item.id, "name", "Berta", 3)
+    assert store.leave_out(item.id, "name", "Berta", 4) == dismissed
+    assert store.undo() == "target 1 as before"
+    assert store.alternatives() == {item.id: [["name", "Berta"]]}
+
+
 def test_a_changed_target_is_not_deleted_and_texts_for_a_deleted_one_are_kept(store):
     item = store.add(click(), now_ns=1)
     was = {"name": "", "kind": "other", "note": ""}
@@ -289,3 +324,120 @@ def test_a_changed_target_is_not_deleted_and_texts_for_a_deleted_one_are_kept(st
     assert store.alternatives() == {item.id: [["note", "am Ufer"]]}
     with pytest.raises(TargetError, match="there is no such target"):
         store.edit("0" * 32, 6, {"note": ""}, note="am Ufer")
+
+
+def test_a_status_is_kept_undone_and_guarded_like_the_kind(store):
+    item = store.add(click(), now_ns=1)
+    assert item.status == "new"
+    store.edit(item.id, 2, {"status": "new"}, status="found")
+    late = store.edit(item.id, 3, {"status": "new"}, status="dismissed")
+    assert late.status == "found"
+    assert store.alternatives() == {item.id: [["status", "dismissed"]]}
+    was = {"name": "", "kind": "other", "note": "", "status": "new"}
+    with pytest.raises(TargetError, match="it was changed meanwhile: look at it"):
+        store.delete(item.id, 4, was)
+    with pytest.raises(TargetError, match="unknown status of target; give one of new, checked"):
+        store.edit(item.id, 5, status="lost")
+    again = reopened(store)
+    assert again.get(item.id).status == "found"
+    assert again.undo(item.id) == "target 1 as before"
+    assert again.get(item.id).status == "new"
+    again.delete(item.id, 6, was)
+    again.undo()
+    assert again.get(item.id).status == "new"
+    again.close()
+
+
+def test_a_merged_target_s_clicks_and_words_are_the_other_one_s(store):
+    into = store.edit(store.add(click(), kind="person", now_ns=1).id, 1, note="waves")
+    gone = store.add(click(1, after_s=60), kind="fire", name="Anna", picture=JPEG, now_ns=2)
+    store.edit(gone.id, 3, {"note": "?"}, note="one leg hurt")  # late: an alternative
+    gone = store.edit(gone.id, 4, note="sits", status="found")
+    merged = store.merge(gone.id, into.id, 5)
+    assert merged.place == averaged([click(), click(1, after_s=60)])
+    assert (merged.id, merged.kind, merged.status) == (into.id, "person", "new")
+    assert merged.name == "Anna"
+    assert merged.note == "waves\nsits\nalso written as the note: one leg hurt"
+    assert store.all() == [merged]
+    again = reopened(store)
+    assert again.all() == [merged]
+    assert again.undo() == "target 1 as before; target 2 is back"
+    assert again.all() == [into, gone]
+    assert again.alternatives() == {gone.id: [["note", "one leg hurt"]]}
+    assert again.picture(gone.id) == JPEG
+    assert again.undo(gone.id) == "target 2 as before"
+    again.close()
+
+
+def test_targets_far_apart_may_be_merged_and_say_that_they_disagree(store):
+    one = store.add(click(), name="Anna", now_ns=1)
+    two = store.add(click(300), name="Berta", now_ns=2)
+    merged = store.merge(two.id, one.id, 3)
+    assert not merged.clicks_agree
+    assert (merged.name, merged.note) == ("Anna", "also written as the name: Berta")
+
+
+def test_a_merging_that_cannot_be_is_refused_and_changes_nothing(store, monkeypatch):
+    one, two = store.add(click(), now_ns=1), store.add(click(1), now_ns=2)
+    store.edit(one.id, 3, note="x" * MOST_NOTE)
+    store.edit(two.id, 3, note="y")
+    before, revision = store.all(), store.revision
+    with pytest.raises(TargetError, match=r"the note has \d+ characters; shorten it to 2000"):
+        store.merge(two.id, one.id, 3)
+    with pytest.raises(TargetError, match="cannot be merged with itself"):
+        store.merge(one.id, one.id, 3)
+    with pytest.raises(TargetError, match="there is no such target"):
+        store.merge("0" * 32, one.id, 3)
+    monkeypatch.setattr(store_module, "MOST_CLICKS", 1)
+    with pytest.raises(TargetError, match="together they have more than 1 clicks"):
+        store.merge(two.id, one.id, 3)
+    assert (reopened(store).all(), store.revision) == (before, revision)
+
+
+def test_a_merging_is_undone_as_a_whole_or_not_at_all(store, monkeypatch):
+    """On a full disk neither target loses clicks, and the next undo tries again."""
+    one, two = store.add(click(), now_ns=1), store.add(click(1), now_ns=2)
+    merged = store.merge(two.id, one.id, 3)
+    put = store_module.put_target
+
+    def put_on_a_full_disk(db, target):
+        if target.id == two.id:
+            raise sqlite3.OperationalError("database or disk is full")
+        put(db, target)
+
+    monkeypatch.setattr(store_module, "put_target", put_on_a_full_disk)
+    with pytest.raises(TargetError, match="no room on the disk"):
+        store.undo()
+    assert store.all() == [merged]
+    monkeypatch.setattr(store_module, "put_target", put)
+    again = reopened(store)
+    assert again.all() == [merged]
+    assert again.undo() == "target 1 as before; target 2 is back"
+    assert again.all() == [one, two]
+    again.close()
+
+
+def test_the_undo_of_a_merged_target_leaves_its_clicks_in_no_other_one(store):
+    """As of who was typing its name: merged once more, each of them had counted twice."""
+    one, two = store.add(click(), now_ns=1), store.add(click(1), now_ns=2)
+    merged = store.merge(two.id, one.id, 3)
+    refined = store.refine(one.id, click(2), now_ns=4)
+    with pytest.raises(TargetError, match="part of one that changed since"):
+        store.undo(two.id)
+    assert store.all() == [refined]
+    store.undo(one.id)
+    assert store.all() == [merged]
+    assert store.undo(two.id) == "target 1 as before; target 2 is back"
+    assert store.all() == [one, two]
+    assert store.undo(two.id) == "target 2 removed again"
+
+
+def test_a_merging_is_forgotten_together_with_the_deletion_in_it(store, monkeypatch):
+    one, two = store.add(click(), now_ns=1), store.add(click(1), now_ns=2)
+    merged = store.merge(two.id, one.id, 3)
+    monkeypatch.setattr(store_module, "MOST_CHANGES", 2)
+    edited = store.edit(one.id, 4, name="Anna")
+    assert store.undo() == "target 1 as before"
+    assert store.undo() == ""  # half of a merging would lose clicks
+    assert store.all() == [merged]
+    assert edited.clicks == merged.clicks

@@ -84,6 +84,16 @@ def test_a_target_that_never_went_out_needs_no_deletion_and_an_undone_one_none()
     assert flush(outbox) == [uid(1)]
 
 
+def test_a_target_that_is_deleted_while_it_is_sent_is_taken_back():
+    outbox = Outbox()
+    outbox.targets([])
+    outbox.targets([target(1)])
+    entry = outbox.first()  # it is on its way; whether it arrives is not known
+    outbox.targets([])
+    outbox.sent(*entry)
+    assert flush(outbox) == [uid(1), uid(1) + "-deleted"]
+
+
 def test_targets_of_an_earlier_run_are_deleted_too():
     outbox = Outbox()
     outbox.targets([target(1)])

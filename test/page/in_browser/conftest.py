@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import pytest
-from browser import TABLET, Screen, chromium
+from browser import DESK, TABLET, Screen, chromium
 from served_page import ServedPage
 
 
@@ -58,3 +58,14 @@ def tablet(browser):
         screen.close()
     assert complaints == []
     assert len(hosts) <= 1
+
+
+@pytest.fixture(scope="module")
+def screen(browser, tmp_path_factory):
+    """A page whose modules are called; its own video is not looked at."""
+    served = ServedPage(tmp_path_factory.mktemp("page"))
+    opened = Screen(browser, DESK).open(served.url)
+    opened.await_picture()
+    yield opened
+    opened.close()
+    served.stop()

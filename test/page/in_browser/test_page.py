@@ -12,7 +12,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""The operator's page in a real browser: what it shows, a target's life, a restart."""
+"""The operator's page in a real browser: what it shows, and a target's life."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ import pytest
 from browser import DESK, LEVEL, PHONE, TABLET
 from page_backend import GO, GROUND_M, LATITUDE, LONGITUDE, M_PER_PIXEL, SimulatedBackend
 from page_clients import tile_file
-from served_page import ELLIPSE, corner_in, corner_on, off_corner, well
+from served_page import ELLIPSE, corner_in, corner_on, off_corner, press, well
 
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.types.errors import BagError
@@ -37,14 +37,6 @@ FINDING = {"subject": "no fix", "evidence": "1 for 5 s", "parameter": "rtk/fix",
 @pytest.fixture(autouse=True)
 def all_is_well(monkeypatch):
     well(monkeypatch)
-
-
-def press(screen):
-    """Touch the corner of a plot in a still picture; its row is then there."""
-    before = screen.page.locator(".row").count()
-    screen.tap(*screen.on_screen(*corner_in(screen.hold_still())))
-    screen.wait("(n) => document.querySelectorAll('.row').length > n", before)
-    screen.tap_on("#still")
 
 
 def still_with_corner(screen):
@@ -90,7 +82,7 @@ def test_a_press_on_an_outline_is_a_target_within_its_ellipse(serve, tablet):
 def test_a_map_that_was_simplified_says_so(serve, tablet):
     page = serve()
     page.backend._map = page.backend._map.replace(b"{", b'{"simplified": "20 of 49 shapes", ', 1)
-    tablet(page.url).reads(".map-simplified", "Map simplified: 20 of 49 shapes")
+    tablet(page.url).reads(".map-words", "Map simplified: 20 of 49 shapes")
 
 
 def test_record_waits_for_its_answer_and_says_a_refusal(serve, tablet, monkeypatch):
@@ -117,6 +109,84 @@ def test_record_waits_for_its_answer_and_says_a_refusal(serve, tablet, monkeypat
     screen.wait("() => document.querySelector('#record').ariaPressed === 'true'")
 
 
+def test_keys_work_after_a_press_on_the_map_but_those_that_move_it(serve, tablet):
+    screen = tablet(serve().url, DESK)
+    screen.await_picture()
+    screen.one("#map").click(position={"x": 90, "y": 90})
+    screen.page.keyboard.press("ArrowLeft")
+    assert screen.page.locator(".cursor").get_attribute("hidden") is not None
+    screen.page.keyboard.press("2")
+    screen.reads("#tools [aria-checked=true]", "fire")
+    screen.page.keyboard.press("n")
+    screen.wait("() => document.documentElement.dataset.theme === 'red'")
+
+
+def test_keys_work_after_a_slider_was_moved_but_those_that_move_it(serve, tablet):
+    """Space led to no live video after a mouse had been on the bar of a still picture."""
+    screen = tablet(serve().url, DESK)
+    screen.hold_still()
+    screen.wait("() => !document.querySelector('#rewind input').disabled")
+    screen.one("#rewind input").click()
+    screen.page.keyboard.press("ArrowLeft")
+    assert screen.page.locator(".cursor").get_attribute("hidden") is not None
+    screen.page.keyboard.press("2")
+    screen.reads("#tools [aria-checked=true]", "fire")
+    screen.page.keyboard.press(" ")
+    screen.shows("#rewind", 0)
+    screen.tap_on("#look-button")
+    screen.one("#look input").click()
+    screen.page.keyboard.press("Escape")
+    screen.shows("#look", 0)
+
+
+def test_keys_work_with_caps_lock_and_on_a_german_keyboard(serve, tablet):
+    """The help shows capital letters, and says that Shift and a comma go back by a second."""
+    screen = tablet(serve().url, DESK)
+    screen.await_picture(screen.await_picture() + 1_500_000_000)
+    stamp_ns = screen.hold_still()
+    screen.page.evaluate(_KEY, "N")
+    screen.wait("() => document.documentElement.dataset.theme === 'red'")
+    screen.page.evaluate(_KEY, ";")  # Shift and a comma
+    screen.until(_IS_BEFORE, str(stamp_ns - 500_000_000))  # far more than a picture
+
+
+_KEY = """(key) => {
+  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+}"""
+_IS_BEFORE = """async (stamp) => {
+  const { stageOf } = await import("/static/js/video/stages.js");
+  return BigInt(stageOf("").frame.stampNs) < BigInt(stamp);
+}"""
+
+
+@pytest.mark.parametrize(("row", "words"), [("#aircraft", "two"), ("#tools", "fire")])
+def test_what_a_key_selects_keeps_the_focus(serve, tablet, row, words):
+    """It was lost, and the next press of the key was on the video."""
+    screen = tablet(serve("one", "two").url)
+    screen.one(f"{row} [role=radio]", has_text=words).press(" ")
+    screen.reads(f"{row} [aria-checked=true]", words)
+    screen.page.keyboard.press(" ")
+    assert screen.page.evaluate("() => document.activeElement.textContent") == words
+    assert screen.page.locator("#still").get_attribute("aria-pressed") == "false"
+
+
+def test_a_key_that_is_held_down_presses_once_and_moves_on(serve, tablet):
+    page = serve()
+    screen = tablet(page.url, DESK)
+    screen.hold_still()
+    screen.one("#still").blur()
+    cursor, places = screen.page.locator(".cursor"), set()
+    for key in ("ArrowLeft", "Enter"):
+        for _ in range(4):
+            screen.page.keyboard.down(key)
+            places.add(cursor.evaluate("(node) => node.style.transform"))
+        screen.page.keyboard.up(key)
+    assert len(places) == 4
+    screen.reads("#toast", "Target 1 set")
+    screen.page.wait_for_timeout(500)
+    assert len(page.targets) == 1
+
+
 @pytest.mark.slow
 def test_a_press_that_lasts_is_one(serve, tablet):
     page = serve()
@@ -136,9 +206,19 @@ def test_tiles_are_enlarged_where_the_map_is_nearer_than_they_are(serve, tablet,
         db.execute("insert into metadata values ('attribution', '<a href=x>&copy; Survey</a>')")
     db.close()
     screen = tablet(serve(tiles=str(path)).url, DESK)
-    screen.wait("() => document.querySelector('.leaflet-tile')?.src.includes('/tiles/5/')")
+    screen.wait("() => document.querySelector('img.leaflet-tile')?.src.includes('/tiles/5/')")
     screen.reads(".map-credit", "\N{COPYRIGHT SIGN} Survey")
     assert screen.page.locator(".map-credit a").count() == 0
+
+
+def test_a_kind_that_the_server_has_no_more_is_not_remembered(serve, tablet):
+    screen = tablet(serve().url)
+    screen.tap_on(".kind[data-kind=fire]")
+    kept = "localStorage.setItem('tirgeo', localStorage.getItem('tirgeo').replace('fire', 'boat'))"
+    screen.page.evaluate(kept)
+    screen.page.reload()
+    screen.reads("#tools [aria-checked=true]", "person")
+    press(screen)
 
 
 def test_a_press_into_the_sky_says_why_not(serve, tablet):
@@ -180,24 +260,6 @@ def test_a_target_is_named_deleted_brought_back_and_handed_over(serve, tablet, t
     assert "Zwei Personen" in str(points[0]["properties"])
 
 
-def test_a_restart_of_the_server_loses_nothing(serve, tablet):
-    page = serve()
-    screen = tablet(page.url)
-    screen.expected = "WebSocket connection|ERR_CONNECTION"
-    press(screen)
-    (before,) = page.targets
-    page.stop()
-    screen.reads("#banner", "Connection lost")
-    page.start()
-    stamp_ns = screen.stamp_ns()
-    assert screen.await_picture(stamp_ns) > stamp_ns
-    assert screen.one(".row").is_visible()
-    screen.wait("() => document.querySelector('#banner').hidden")
-    press(screen)
-    assert [target.number for target in page.targets] == [1, 2]
-    assert page.targets[0] == before
-
-
 @pytest.mark.parametrize(
     "size",
     [
@@ -214,6 +276,9 @@ def test_everything_fits_a_glove_hits_it_and_axe_finds_no_fault(serve, tablet, m
     assert screen.faults() == []
     for tap in (
         "#still",
+        "#look-button",
+        "#look .switch",
+        "#look-button",
         "#export",
         ".row",
         "#refine",
@@ -237,7 +302,8 @@ def test_everything_fits_a_glove_hits_it_and_axe_finds_no_fault(serve, tablet, m
     assert screen.faults() == []
     page.start()
     screen.tap_on("#menu-button")
-    screen.tap_on("#menu summary")
+    screen.page.keyboard.press("Escape")
+    screen.tap_on("#help-button")
     assert screen.faults() == []
 
 

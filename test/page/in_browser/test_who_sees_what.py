@@ -42,6 +42,9 @@ def test_without_the_token_nothing_is_shown_and_with_it_all(guarded, tablet):
     screen = tablet(guarded.url.partition("?")[0])
     screen.expected = "401|403|429"
     screen.reads("#enter", "needs a token")
+    for _ in range(3):  # a browser lets a page refuse the first one alone
+        screen.page.keyboard.press("Escape")
+        screen.page.wait_for_timeout(100)
     screen.one("#enter input").fill("not-the-token")
     screen.tap_on("#enter button")
     screen.reads("#enter", "Wrong token")
@@ -161,14 +164,43 @@ def test_an_alarm_sounds_each_four_seconds_and_silence_is_for_it_alone(alarming)
     )
 
 
+@pytest.mark.parametrize("way", ["press", "alarm"])
+def test_a_tablet_whose_screen_was_off_sounds_again(serve, tablet, way):
+    """Its browser has interrupted the sound: the page must ask for it (iOS)."""
+    screen = tablet(serve().url)
+    screen.await_picture()
+    screen.page.evaluate(_INTERRUPTED)
+    screen.tap_on("[data-tab=checks][role=tab]")
+    screen.page.evaluate("() => (AudioContext.now = 'interrupted')")
+    if way == "press":
+        screen.tap_on("[data-tab=targets][role=tab]")
+    else:
+        screen.page.evaluate("async () => (await import('/static/js/checks/alarm.js')).beep()")
+    assert screen.page.evaluate("() => AudioContext.now") == "running"
+
+
+_INTERRUPTED = """() => {
+  window.AudioContext = class {
+    static now = "running";
+    get state() {
+      return AudioContext.now;
+    }
+    async resume() {
+      await null;
+      AudioContext.now = "running";
+    }
+  };
+}"""
+
+
 def test_nothing_is_good_beside_a_verdict_that_is_not(alarming):
     alarming.screen.reads(".finding[data-tone=good]", "Nothing is wrong")
     notice = "NO MAP: no pose for 2.0 s"
     alarming.says(word="NO GO", tone="bad", kind="map", text=notice, alarm=True)
     alarming.screen.reads("#banner", notice)
     assert alarming.screen.page.locator(".finding[data-tone=good]").count() == 0
-    # The picture has the words itself: the page says them once.
-    assert alarming.screen.page.locator(":text('NO MAP'):visible").count() == 1
+    # The picture has the words itself: the page says them once, but while it is frozen.
+    alarming.screen.shows(":text('NO MAP')", 1)
 
 
 @pytest.mark.parametrize(
@@ -177,7 +209,7 @@ def test_nothing_is_good_beside_a_verdict_that_is_not(alarming):
 def test_what_does_not_reach_this_screen_has_one_reason(alarming, silent, word):
     """States, and pictures, or pictures alone: banner and video said different things."""
     for name in silent:
-        setattr(alarming.page.server, name, lambda *_: None)
+        setattr(alarming.page.server, name, lambda *_, **__: None)
     alarming.screen.reads("#verdict", word)
     alarming.screen.reads(".words-over", "FROZEN")
     alarming.screen.wait(
@@ -185,6 +217,15 @@ def test_what_does_not_reach_this_screen_has_one_reason(alarming, silent, word):
           && document.querySelector("#banner strong").textContent
           === document.querySelector(".words-over span").textContent"""
     )
+
+
+def test_a_video_that_is_open_and_silent_is_not_said_to_be_connecting(alarming):
+    """After each later welcome of the server the engineer had read so."""
+    alarming.screen.set(aircraft=[{"id": "", "name": "aircraft"}])
+    alarming.page.server.show = lambda *_, **__: None
+    alarming.screen.reads("#verdict", "NO VIDEO")
+    alarming.screen.tap_on("#banner summary")
+    alarming.screen.reads("#banner p", "/video: open")
 
 
 @pytest.mark.slow

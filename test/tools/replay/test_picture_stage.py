@@ -27,8 +27,8 @@ from project import child_of
 
 from tirgeo_ros.core.camera.known_cameras import XT2
 from tirgeo_ros.core.config import OverlayConfig
+from tirgeo_ros.core.overlay.frame_shapes import DrawingVerdict, Unpainted
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.picture_painter import DrawingVerdict, Unpainted
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.messages import Messages
 from tirgeo_ros.tools.replay.picture_stage import Painted

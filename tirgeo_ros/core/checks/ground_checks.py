@@ -31,7 +31,7 @@ from tirgeo_ros.core.checks.navigation_checks import LARGEST_UNDULATION_M
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain
 from tirgeo_ros.core.map.visibility import ELSEWHERE_M, likely_mistake, nearest_feature, way_words
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap
+from tirgeo_ros.core.overlay.map_shapes import DrapedMap
 from tirgeo_ros.core.streams.stamps import Spacing
 from tirgeo_ros.core.types.finding import Finding, sorted_findings
 from tirgeo_ros.core.types.poses import CameraPose

@@ -135,12 +135,16 @@ class OverlayConfig(FramesConfig):
     footprint_rate_hz: float = param(5.0, "highest rate of tirgeo/footprint", ("Hz", 0.1, 100))
     compressed_rate_hz: float = param(
         100.0,
-        "highest rate of tirgeo/overlay/image/compressed; lower it for a slow link",
+        "highest rate of tirgeo/overlay/image/compressed and clean/compressed; lower it for a "
+        "slow link",
         ("Hz", 0.1, 1000),
         live=True,
     )
     jpeg_quality: int = param(
-        80, "quality of tirgeo/overlay/image/compressed", ("", 1, 100), live=True
+        80,
+        "quality of tirgeo/overlay/image/compressed and clean/compressed",
+        ("", 1, 100),
+        live=True,
     )
     picture: PictureConfig = group(PictureConfig, live=True)
     confidence: ConfidenceConfig = group(ConfidenceConfig, live=True)

@@ -122,6 +122,12 @@ class ViewerConfig(GroundConfig):
         "namespaces of the aircraft, separated by commas; empty = the node's own namespace",
         fault=_namespaces_fault,
     )
+    rewind_mb: float = param(
+        192.0,
+        "size of the file that keeps each aircraft's newest pictures, to go back to: 120 s of "
+        "640x512 take 50 at 10 Hz, 150 at 30 Hz",
+        ("MB", 16, 4096),
+    )
     record_to: str = param("recordings", "folder of the recordings that are started on the page")
     least_free_gb: float = param(
         2.0, "free space of its disk below which a recording ends", ("GB", 0, 1e4)

@@ -46,8 +46,8 @@ from tirgeo_ros.core.targets.target import Target
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
 
-#: Time for which pictures are kept: a person looks, thinks and clicks on a paused picture.
-REMEMBERED_S = 60.0
+#: Time for which pictures are kept: a person goes back 120 s, looks, thinks and clicks.
+REMEMBERED_S = 180.0
 #: Time for which a marker is shown after its picture, and the largest number of markers.
 MARKER_S, MARKERS = 300.0, 20
 
@@ -96,6 +96,7 @@ class Marker(NamedTuple):
     point_n: Array  # (3,) NED in the map's plane, m
     label: str
     covariance_n: Array  # (3, 3) m2
+    id: str = ""  # of the target, if it is one
 
 
 class ShownFrame(NamedTuple):
@@ -149,7 +150,8 @@ class Clicks:
         for target in self._targets or ():
             mean = target.place
             point_n = plane.ned_from_geodetic(mean.latitude_rad, mean.longitude_rad, mean.height_m)
-            self._target_markers.append(Marker(point_n, target.label, mean.covariance_n))
+            marker = Marker(point_n, target.label, mean.covariance_n, target.id)
+            self._target_markers.append(marker)
 
     def show(
         self,
@@ -209,36 +211,43 @@ class Clicks:
         )
 
 
+class MarkerShapes(NamedTuple):
+    """Hold the markers that are seen in a picture, and their 95 % ellipses, in its pixels."""
+
+    markers: Sequence[Marker]  # N, oldest first
+    uv: Array  # (N, 2)
+    semi_px: Array  # (N, 2) semi-axes; nan if unknown
+    angle: Array  # (N,) of the larger semi-axis, from u towards v
+
+
+def marker_shapes(camera: Camera, pose: CameraPose, markers: Sequence[Marker]) -> MarkerShapes:
+    """Return where a camera sees the markers, with the ellipses of the located ground points."""
+    points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
+    points_c = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)
+    uv, visible = camera.project(points_c)
+    with np.errstate(invalid="ignore"):
+        inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
+    visible &= inside.all(axis=1)
+    shown = [markers[i] for i in np.flatnonzero(visible).tolist()]
+    _, by_point = pixel_jacobian(camera, pose, points_n[visible])
+    covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
+    ellipses = ellipse_95(by_point @ covariance_n @ by_point.transpose(0, 2, 1))
+    return MarkerShapes(shown, uv[visible], *ellipses)
+
+
 class PlacedMarkers:
     """Hold the markers in a picture (h, w, 3); ``boxes`` are the boxes of their labels.
 
-    Each marker has the 95 % confidence ellipse of the located ground point, drawn if it is
-    clearly larger than the mark. Labels do not overlap the boxes in ``taken`` or each other. The
-    newest marker's label is placed first; a label without room is left out.
+    An ellipse is drawn if it is clearly larger than the mark. Labels do not overlap the boxes in
+    ``taken`` or each other. The newest marker's label is placed first; a label without room is
+    left out.
     """
 
-    def __init__(
-        self,
-        image: Pixels,
-        camera: Camera,
-        pose: CameraPose,
-        markers: Sequence[Marker],
-        taken: Sequence[Box] = (),
-    ) -> None:
-        points_n = np.array([marker.point_n for marker in markers]).reshape(-1, 3)
-        points_c = (points_n - pose.position_n) @ matrix_from_quat(pose.q_nc)
-        uv, visible = camera.project(points_c)
-        with np.errstate(invalid="ignore"):
-            inside = (uv >= -0.5) & (uv < [camera.width - 0.5, camera.height - 0.5])
-        visible &= inside.all(axis=1)
-        self._uv = uv[visible]
-        shown = [markers[i] for i in np.flatnonzero(visible).tolist()]
-        _, by_point = pixel_jacobian(camera, pose, points_n[visible])
-        covariance_n = np.array([marker.covariance_n for marker in shown]).reshape(-1, 3, 3)
-        self._covariance = by_point @ covariance_n @ by_point.transpose(0, 2, 1)
-        room, mark_px = FreeSpace(image, self._uv.T, taken), 1.5 * mark_radius_px(image)
+    def __init__(self, image: Pixels, shapes: MarkerShapes, taken: Sequence[Box] = ()) -> None:
+        self._shapes, uv = shapes, shapes.uv
+        room, mark_px = FreeSpace(image, uv.T, taken), 1.5 * mark_radius_px(image)
         self._labels: list[tuple[TextBitmap, Box]] = []
-        for marker, (u, v) in zip(shown[::-1], self._uv[::-1].tolist(), strict=True):
+        for marker, (u, v) in zip(shapes.markers[::-1], uv[::-1].tolist(), strict=True):
             text = stamp(marker.label, text_px(image), _MARKER_BGR)
             free = room.find(request_beside(u, v, text.size, mark_px))
             if free is not None:
@@ -247,17 +256,17 @@ class PlacedMarkers:
 
     def paint(self, image: Pixels, painter: LineRenderer) -> None:
         """Draw marks, ellipses and labels on the picture, in place."""
-        if not len(self._uv):
+        _, uv, semi_px, angle = self._shapes
+        if not len(uv):
             return
-        count = len(self._uv)
-        marks = Polylines(self._uv.T, np.arange(count + 1), np.zeros(count, np.int64))
+        count = len(uv)
+        marks = Polylines(uv.T, np.arange(count + 1), np.zeros(count, np.int64))
         diamonds = marks_as_lines(marks, mark_radius_px(image))
         # Only the ellipses that are clearly larger than the mark.
-        semi_px, angle = ellipse_95(self._covariance)
         drawn = np.flatnonzero(semi_px[:, 0] >= MARK_TIMES * mark_radius_px(image))  # not nan
         semi_px = np.minimum(semi_px[drawn], _LARGEST_PX)
         dotted = np.zeros(len(drawn), bool)
-        dashes = ellipse_dashes(self._uv[drawn].T, semi_px, angle[drawn], drawn, dotted)
+        dashes = ellipse_dashes(uv[drawn].T, semi_px, angle[drawn], drawn, dotted)
         painter.thin_strokes(image, dashes, ELLIPSE_BGR)
         painter.strokes(image, diamonds, np.zeros(count, np.int64), [_STYLE])
         for text, box in self._labels:

@@ -46,7 +46,6 @@ _BESIDE = ((1, 0), (-1, 0), (0, -1), (0, 1), (1, -1), (1, 1), (-1, -1), (-1, 1))
 _ALONG = ((0, -1), (0, 1), (1, 0), (-1, 0), (0, 0))
 _UNDER = ((0, 1), (0, -1), (1, 0), (-1, 0))
 _WITHIN = ((0, 0), (0, -1), (0, 1), (0, -2), (0, 2))  # outside it would seem a neighbour's label
-_NO_ANCHORS = Anchors(np.empty((2, 0)), np.empty((3, 0)), np.empty(0, np.int64), np.empty(0, bool))
 
 
 def drawing_scale(image: Pixels) -> float:
@@ -71,6 +70,18 @@ class Features(NamedTuple):
     rays: Array  # (3, F) the anchor's place on the map, as in VisibleLines.rays
     half: Array  # (2, F) half of the feature's width and height in the picture, px
 
+    @property
+    def anchors(self) -> Anchors:
+        """Return the anchors of the labels."""
+        return Anchors(self.uv, self.rays, self.feature, self.mark)
+
+
+_NO_FEATURES = Features(
+    np.empty(0, np.int64),
+    *(np.empty(0, bool), np.empty(0, bool)),
+    *(np.empty((2, 0)), np.empty((3, 0)), np.empty((2, 0))),
+)
+
 
 class AnchorFinder:
     """Find the anchors of one map's labels in any view of it."""
@@ -85,10 +96,8 @@ class AnchorFinder:
         self._outline[lines.owner] = True
         self._outline[lines.owner[~ends.all(axis=0)]] = False
 
-    def find(
-        self, lines: VisibleLines, marks: VisibleLines, shown: IntArray, most: int
-    ) -> Features | None:
-        """Return the anchors of at most ``most`` of the visible features; None if none is visible.
+    def find(self, lines: VisibleLines, marks: VisibleLines, shown: IntArray) -> Features:
+        """Return the features that may get a label, three times as many as can be drawn at most.
 
         Upper layers come first. Within a layer marks come first, then the features in ``shown``
         (those of the previous frame), then nearer features.
@@ -96,7 +105,7 @@ class AnchorFinder:
         line = np.flatnonzero(self._labelled[lines.owner])
         mark = np.flatnonzero(self._labelled[marks.owner])
         if not len(line) and not len(mark):
-            return None
+            return _NO_FEATURES
         owner = np.concatenate([marks.owner[mark], lines.owner[line]])
         near = np.concatenate([marks.rays[2, mark], lines.rays[2, lines.starts[line]]])
         was_shown = np.zeros(len(self._layer), bool)
@@ -106,7 +115,7 @@ class AnchorFinder:
         place = np.arange(len(owner))
         first = np.empty(len(self._layer), np.int64)
         first[ordered[::-1]] = place[::-1]  # reversed, so that an owner's first place remains
-        chosen = ordered[first[ordered] == place][:most]
+        chosen = ordered[first[ordered] == place][:_CONSIDERED]
 
         row = np.full(len(self._layer), -1)
         row[chosen] = np.arange(len(chosen))
@@ -197,7 +206,7 @@ def _move_inside(places: Array, points: Array, row: IntArray, first: IntArray) -
 class Label(NamedTuple):
     """Hold a label and its box."""
 
-    feature: int  # index into the map's labels
+    row: int  # of its feature, among the features that may get a label
     box: Box
 
 
@@ -224,30 +233,35 @@ class PlacementRequest(NamedTuple):
 class Labels:
     """Place the labels of one map, frame after frame."""
 
-    def __init__(self, vector_map: VectorMap) -> None:
-        self._texts = vector_map.labels
-        self._anchors = AnchorFinder(vector_map)
+    def __init__(self) -> None:
         #: The places, by feature, of the labels shown in the last frame.
         self._places: dict[int, LabelPlace] = {}
 
-    def place(
-        self, image: Pixels, lines: VisibleLines, marks: VisibleLines, taken: Sequence[Box] = ()
-    ) -> tuple[list[Label], Anchors]:
-        """Return the placed labels and the anchor points of their features.
+    @property
+    def shown(self) -> IntArray:
+        """Return the features whose labels were shown in the last frame."""
+        return np.array([*self._places], np.int64)
 
-        A label keeps its place relative to its feature as long as possible.
+    def place(
+        self,
+        image: Pixels,
+        texts: Sequence[str],
+        features: Features,
+        marks: Array,
+        taken: Sequence[Box] = (),
+    ) -> list[Label]:
+        """Return the placed labels, which avoid the ``taken`` boxes and, if possible, the marks.
+
+        ``texts`` are those of all features of the map, ``marks`` (2, V) pixels. A label keeps its
+        place relative to its feature as long as possible.
         """
         last_places, self._places = self._places, {}
-        shown = np.array([*last_places], np.int64)
-        features = self._anchors.find(lines, marks, shown, _CONSIDERED)
-        if features is None:
-            return [], _NO_ANCHORS
-        room = FreeSpace(image, marks.points[:2], taken)
-        labels, rows = [], []
+        room = FreeSpace(image, marks[:2], taken)
+        labels = list[Label]()
         columns = features.feature, features.mark, features.inside, features.uv.T, features.half.T
         rows_of = zip(*(each.tolist() for each in columns), strict=True)
         for row, (number, is_mark, inside, (u, v), half) in enumerate(rows_of):
-            size = stamp(self._texts[number], room.text_px, TEXT_BGR).size
+            size = stamp(texts[number], room.text_px, TEXT_BGR).size
             last = last_places.get(number)
             if is_mark:
                 request = request_beside(u, v, size, room.mark_px)
@@ -263,13 +277,10 @@ class Labels:
             if placed is None:
                 continue
             self._places[number] = LabelPlace(request.places, placed[0])
-            labels.append(Label(number, placed[1]))
-            rows.append(row)
+            labels.append(Label(row, placed[1]))
             if len(labels) == MOST:
                 break
-        chosen = np.array(rows, np.int64)
-        points = features.uv.take(chosen, axis=1), features.rays.take(chosen, axis=1)
-        return labels, Anchors(*points, features.feature[chosen], features.mark[chosen])
+        return labels
 
 
 def request_beside(u: float, v: float, size: tuple[int, int], mark_px: float) -> PlacementRequest:

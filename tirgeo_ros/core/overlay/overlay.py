@@ -46,13 +46,9 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss, PoseBuffer
 from tirgeo_ros.core.ground.backprojection import Terrain
 from tirgeo_ros.core.map.vector_map import MapLayer
 from tirgeo_ros.core.overlay.clicks import Clicks, thermal_of
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap
-from tirgeo_ros.core.overlay.picture_painter import (
-    DrawingVerdict,
-    OverlayResult,
-    PicturePainter,
-    Unpainted,
-)
+from tirgeo_ros.core.overlay.frame_shapes import DrawingVerdict, Unpainted
+from tirgeo_ros.core.overlay.map_shapes import DrapedMap
+from tirgeo_ros.core.overlay.picture_painter import OverlayResult, PicturePainter
 from tirgeo_ros.core.streams.stamps import exposure_ns
 from tirgeo_ros.core.types.arrays import Array, IntArray, RawPixels
 from tirgeo_ros.core.types.poses import CameraPose
@@ -262,7 +258,7 @@ class Overlay:
         #: Why the map that is draped elsewhere was not set yet; else empty.
         self._map_not_ready = _READING if layers is None else ""
         self.clicks = Clicks(config.confidence)
-        self.clicks.ground = self.painter.ground
+        self.clicks.ground = self.painter.shaper.ground
         self.frames = FrameQueue()
         self.poses: PoseBuffer[CameraPose] = PoseBuffer()
         self.plane: TangentPlane | None = None
@@ -306,7 +302,7 @@ class Overlay:
     @property
     def notes(self) -> tuple[str, ...]:
         """Return notes for the operator about the map as draped on the ground."""
-        return self.painter.draped.map.notes if self.painter.draped else ()
+        return self.painter.shaper.draped.map.notes if self.painter.shaper.draped else ()
 
     @property
     def no_map_yet(self) -> str:
@@ -318,7 +314,7 @@ class Overlay:
         if plane != self.plane:
             self.plane = plane
             self.poses.clear()
-            self.painter.set_plane(plane)
+            self.painter.shaper.set_plane(plane)
             self._map_not_ready = _READING if self._draped_elsewhere else ""
             self.clicks.set_plane(plane)
 
@@ -332,7 +328,7 @@ class Overlay:
         """Draw this map, draped elsewhere, from now on; ignore a map in another plane."""
         if new.plane == self.plane:
             self._draped_elsewhere, self.map_given, self._map_not_ready = True, True, ""
-            self.painter.set_map(new)
+            self.painter.shaper.set_map(new)
 
     def map_failed(self, why: str) -> None:
         """Record why the map that is draped elsewhere failed; keep a map that is drawn."""
@@ -405,7 +401,7 @@ class Overlay:
         self._results["notices" if trusted is None else "drawn"] += 1
         self._results["predicted"] += trusted is not None and predicted_s > 0
         rates = None if trusted is None else rates_up_to(trusted, self.poses)
-        camera = self.painter.scene.camera
+        camera = self.painter.shaper.camera
         if camera is not None:
             self.clicks.show(frame.stamp_ns, camera, trusted, rates)
             if frame.pixels.shape[:2] != (camera.height, camera.width):
@@ -429,7 +425,7 @@ class Overlay:
     def _notice(self, no_pose: str) -> str:
         """Return the notice that there is no map or, for the reason given, no pose; else empty."""
         no_map = self._map_not_ready
-        if not no_map and self.map_given and not self.painter.has_features:
+        if not no_map and self.map_given and not self.painter.shaper.has_features:
             no_map = "the map has no features"
         if no_map == _READING and not no_pose:
             return f"NO MAP YET: {_READING}"

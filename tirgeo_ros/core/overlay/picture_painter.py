@@ -12,7 +12,7 @@
 # WITHOUT WARRANTIES OR CONDITIONS OF ANY KIND, either express or implied.
 # See the License for the specific language governing permissions and
 # limitations under the License.
-"""Paint one picture: tones, the map, and the words on it.
+"""Paint one picture with OpenCV: tones, the map, and the words on it.
 
 Of all that depends on earlier pictures, only tones and labels are computed here; ``Overlay``
 decides the rest before. So painting, which takes nearly all of the time, can also run in another
@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import cv2
@@ -34,22 +34,20 @@ import numpy as np
 import numpy.typing as npt
 
 from tirgeo_ros.core.camera.camera_model import Camera
-from tirgeo_ros.core.camera.projection_covariance import CameraRates
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.config.overlay_parameters import PALETTES, PictureConfig
-from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.ground.backprojection import Ground, Terrain, is_given
-from tirgeo_ros.core.ground.frame_geometry import (
-    Sight,
-    camera_heading_rad,
-    footprint,
-    height_above_m,
+from tirgeo_ros.core.ground.backprojection import Terrain
+from tirgeo_ros.core.map.vector_map import MapLayer, VectorMap
+from tirgeo_ros.core.overlay.clicks import PlacedMarkers
+from tirgeo_ros.core.overlay.frame_shapes import (
+    DrawingVerdict,
+    FrameShaper,
+    FrameShapes,
+    Unpainted,
 )
-from tirgeo_ros.core.map.vector_map import MapLayer, check_heights
-from tirgeo_ros.core.map.visibility import View, farthest_m
-from tirgeo_ros.core.overlay.clicks import Marker, PlacedMarkers
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, MapRenderer, drape_layers
-from tirgeo_ros.core.overlay.scale_bar_compass import ground_sample_m, place_rose, place_scale_bar
+from tirgeo_ros.core.overlay.map_renderer import MapRenderer
+from tirgeo_ros.core.overlay.map_shapes import DrapedMap, MapShapes
+from tirgeo_ros.core.overlay.scale_bar_compass import place_rose, place_scale_bar
 from tirgeo_ros.core.overlay.written_text import (
     VERDICT_BGR,
     Box,
@@ -58,13 +56,10 @@ from tirgeo_ros.core.overlay.written_text import (
     paint_status,
     place_notice,
     status_box,
-    status_line,
 )
-from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
+from tirgeo_ros.core.types.arrays import Pixels, RawPixels
 from tirgeo_ros.core.types.errors import CameraError, ConfigError
-from tirgeo_ros.core.types.finding import Severity
 from tirgeo_ros.core.types.poses import CameraPose
-from tirgeo_ros.core.types.verdicts import NavigationStatus
 
 _MOST_RECTIFIED = 10_000_000  # cinema 4K has 9e6; building the maps takes 80 bytes for each pixel
 _BORDER_BGR = (40, 40, 110)  # of a rectified picture
@@ -97,13 +92,14 @@ class ToneMapper:
 
     def __init__(self, config: PictureConfig, palette: str) -> None:
         self._stretch = Stretch(config.stretch_percent, config.stretch_time_s)
+        self._newest: tuple[int, RawPixels, Pixels] | None = None  # stamp, 16 bits, grey
         self.configure(config, palette)
 
     def configure(self, config: PictureConfig, palette: str) -> None:
         """Set the parameters, at start or in flight; raises ConfigError as above."""
         if palette not in PALETTES:
             raise ConfigError(f"palette: {palette!r} is not one of {', '.join(PALETTES)}")
-        self._map = _MAPS.get(palette)
+        self._config, self._map = config, _MAPS.get(palette)
         self._inverted = palette == "black_hot"
         self._stretch.configure(config.stretch_percent, config.stretch_time_s)
         self._local = None
@@ -118,13 +114,33 @@ class ToneMapper:
         """
         if raw.ndim == 3:
             return np.array(raw, np.uint8)
-        grey = self._stretch.to_bytes(raw, stamp_ns) if raw.dtype == np.uint16 else raw
+        grey = self.grey(raw, stamp_ns)
         if self._local is not None and grey.min() < grey.max():  # CLAHE turns uniform white black
             grey = np.asarray(self._local.apply(grey), np.uint8)
         if self._map is not None:
             return np.asarray(cv2.applyColorMap(grey, self._map), np.uint8)
         grey = np.invert(grey) if self._inverted else grey
         return np.asarray(cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR), np.uint8)
+
+    def grey(self, raw: RawPixels, stamp_ns: int) -> Pixels:
+        """Return the picture (h, w) of 8 bits, hot white, of one of 8 or 16 bits."""
+        if raw.dtype != np.uint16:
+            return raw
+        newest = self._newest
+        if newest is None or newest[0] != stamp_ns or newest[1] is not raw:
+            newest = self._newest = stamp_ns, raw, self._stretch.to_bytes(raw, stamp_ns)
+        return newest[2]  # kept, because the stretch moves with each call
+
+    def celsius(self, raw: RawPixels) -> tuple[float, float] | None:
+        """Return the temperatures of black and of white in the newest ``grey``; None if unknown.
+
+        ``raw`` is its picture.
+        """
+        config, ends = self._config, self._stretch.ends
+        if raw.dtype != np.uint16 or not config.celsius_per_count or ends is None:
+            return None
+        low, high = (value * config.celsius_per_count + config.celsius_offset for value in ends)
+        return low, high
 
 
 class Stretch:
@@ -150,6 +166,11 @@ class Stretch:
         """Set the parameters, at start or in flight; the range continues from its present ends."""
         self._shares = np.array([min(percent), 50.0, max(percent)]) / 100
         self._time_s = time_s
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """Return the values shown as black and as white; None before the first frame."""
+        return self._ends
 
     def to_bytes(self, raw: npt.NDArray[np.uint16], stamp_ns: int) -> Pixels:
         """Convert (h, w) values to 8 bits; a picture of one value becomes black."""
@@ -193,41 +214,12 @@ class Stretch:
         return shown_low + share * (low - shown_low), shown_high + share * (high - shown_high)
 
 
-class DrawingVerdict(NamedTuple):
-    """Hold the checks' verdict and its words for the picture; none are drawn for a NOTE."""
-
-    severity: Severity = Severity.NOTE
-    words: str = ""
-
-
-_GO = DrawingVerdict()
-
-
 class Scene(NamedTuple):
     """Hold what many pictures share."""
 
     camera: Camera | None = None  # of the picture as shown
     rectifier: Rectifier | None = None  # None if the picture is shown as it is
     draped: DrapedMap | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Unpainted:
-    """Hold a frame with everything that is painted on it."""
-
-    stamp_ns: int
-    pixels: RawPixels  # (h, w) of 8 or 16 bits, or (h, w, 3) BGR
-    camera: Camera | None  # of the picture as shown; None if unknown or of another size
-    pose: CameraPose | None  # at the exposure; None if none can be trusted
-    rates: CameraRates | None  # the camera's at the pose, if known
-    notice: str  # why there is no trusted pose or no map; else empty
-    predicted_s: float  # how far the pose was extrapolated
-    markers: tuple[Marker, ...]
-    verdict: DrawingVerdict
-    status: NavigationStatus | None
-    age_s: float  # of the frame
-    rate_hz: float  # of the frames; may be nan
-    replaced: int  # frames lost so far
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,75 +234,37 @@ class OverlayResult:
     predicted_s: float = 0.0  # how far the pose was extrapolated
 
 
-class Drawn(NamedTuple):
-    """Hold what a picture shows."""
+class CleanPicture(NamedTuple):
+    """Hold a picture with nothing drawn on it."""
 
-    notice: str  # why none of the map is drawn, else empty
-    above_m: float  # the camera's height over the given ground; nan if it is unknown below
-    boxes: tuple[Box, ...]  # of everything that is written; they do not overlap
+    pixels: Pixels  # (h, w) grey, hot white, or (h, w, 3) BGR
+    celsius: tuple[float, float] | None  # of grey 0 and 255; None if unknown
 
 
 class PicturePainter:
-    """Paint pictures in order of time. Raises ConfigError if map heights are unknown.
+    """Paint pictures in order of time; ``shaper`` computes what is drawn on them.
 
-    The map lies at ``ground_height_m`` if that is given, else on the terrain if there is one,
-    else at its own heights. ``ground`` is the first two of these, or nan.
+    Raises ConfigError if map heights are unknown.
     """
 
     def __init__(
         self, config: OverlayConfig, layers: Sequence[MapLayer], terrain: Terrain | None
     ) -> None:
-        height_m = config.ground_height_m
-        self.ground: Ground = height_m if terrain is None or math.isfinite(height_m) else terrain
-        check_heights(layers, self.ground)
-        self.draped: DrapedMap | None = None  # the map with its plane; None without a plane
-        self._layers = layers
+        self.shaper = FrameShaper(config, layers, terrain)
         self._rectifier: Rectifier | None = None
-        self._view: View | None = None
         self._toner = ToneMapper(config.picture, config.palette)
-        self._confidence = config.confidence
-        self._renderer: MapRenderer | None = None  # made when the map is first drawn
+        self._renderer = MapRenderer()
+        self._drawn_map: VectorMap | None = None
 
     @property
     def scene(self) -> Scene:
         """Return what the next picture shares with others."""
-        return Scene(self._view.camera if self._view else None, self._rectifier, self.draped)
-
-    @property
-    def has_features(self) -> bool:
-        """Return whether the map has any feature."""
-        if self.draped:
-            return self.draped.features > 0
-        return any(layer.features for layer in self._layers)
-
-    def footprint(self, pose: CameraPose | None) -> Array:
-        """Return the picture's outline on the ground (N, 3), NED in the plane, m.
-
-        It is cut where the map's lines end. It is empty without pose, camera, plane or ground.
-        """
-        if pose is None or self._view is None or self.draped is None:
-            return np.empty((0, 3))
-        level = self.ground if is_given(self.ground) else self.draped.level_m
-        if not is_given(level):
-            return np.empty((0, 3))
-        plane, camera = self.draped.plane, self._view.camera
-        far_m = farthest_m(camera, height_above_m(pose, plane, level))
-        return footprint(camera, pose, plane, level, far_m)
+        return Scene(self.shaper.camera, self._rectifier, self.shaper.draped)
 
     def configure(self, config: OverlayConfig) -> None:
         """Set the live parameters, at start or in flight."""
         self._toner.configure(config.picture, config.palette)
-        self._confidence = config.confidence
-        if self._renderer is not None:
-            self._renderer.confidence = config.confidence
-
-    def set_plane(self, plane: TangentPlane) -> None:
-        """Drape the layers in a plane; a map that was draped elsewhere is dropped."""
-        self.draped, self._renderer = drape_layers(self._layers, plane, self.ground), None
-
-    def set_map(self, draped: DrapedMap) -> None:
-        """Draw a map that was draped elsewhere, in the present plane."""
-        self._layers, self.draped, self._renderer = (), draped, None
+        self.shaper.confidence = config.confidence
 
     def set_lens(self, camera: Camera, *, rectify: bool) -> None:
         """Set the camera's calibration. Raises CameraError if its images cannot be rectified."""
@@ -320,77 +274,78 @@ class PicturePainter:
     def set_scene(self, scene: Scene) -> None:
         """Paint with this scene from now on; keep the present camera or map if it has none."""
         self._rectifier = scene.rectifier
-        if scene.camera is not None and (not self._view or scene.camera != self._view.camera):
-            self._view = View(scene.camera)
+        if scene.camera is not None:
+            self.shaper.set_camera(scene.camera)
         if scene.draped is not None:
-            self.set_map(scene.draped)
+            self.shaper.set_map(scene.draped)
 
-    def paint(self, picture: Unpainted) -> OverlayResult:
-        """Return the finished picture."""
+    def shapes(self, picture: Unpainted) -> FrameShapes:
+        """Return what is drawn on a picture."""
+        if self.shaper.draped is not None:
+            self._renew_for(self.shaper.draped.map)
+        return self.shaper.shapes(picture, self._renderer.labels.shown)
+
+    def clean(self, picture: Unpainted) -> CleanPicture:
+        """Return the picture with nothing drawn on it."""
+        raw = picture.pixels
+        pixels = raw if raw.ndim == 3 else self._toner.grey(raw, picture.stamp_ns)
+        if self._rectifier is not None and picture.camera is not None:
+            pixels = self._rectifier.rectified(pixels)
+        return CleanPicture(pixels, self._toner.celsius(raw))
+
+    def paint(self, picture: Unpainted, shapes: FrameShapes | None = None) -> OverlayResult:
+        """Return the finished picture; ``shapes`` are its own, if they are known already."""
+        shapes = shapes or self.shapes(picture)
         image = self._toner.tone(picture.pixels, picture.stamp_ns)
         if self._rectifier is not None and picture.camera is not None:
             image = self._rectifier.rectified(image)
-        notice, above_m, status = picture.notice, math.nan, picture.status
-        if picture.pose is None:
-            least_top = 0
-            for placed in _notices(image, picture.verdict, "", None):
-                placed.paint(image)
-                least_top = placed.box.bottom
-            paint_notice(image, notice, least_top)
-        else:
-            scene = picture.pose, picture.rates, picture.markers, picture.verdict
-            notice, above_m, _ = self.draw(image, *scene, notice)
-            if status is not None:  # the camera's heading, with the error of the gimbal's north
-                sigma_rad = math.sqrt(picture.pose.covariance[5, 5])
-                status = replace(status, heading_sigma_rad=sigma_rad)
-        video = picture.age_s, picture.rate_hz, picture.predicted_s, picture.replaced
-        paint_status(image, status_line(status, *video, above_m, picture.verdict.severity))
+        self.draw(image, shapes)
         return OverlayResult(
-            picture.stamp_ns, image, picture.pose, notice, picture.camera, picture.predicted_s
+            *(picture.stamp_ns, image, picture.pose, shapes.notice),
+            *(picture.camera, picture.predicted_s),
         )
 
-    def draw(
-        self,
-        image: Pixels,
-        pose: CameraPose,
-        rates: CameraRates | None = None,
-        markers: Sequence[Marker] = (),
-        verdict: DrawingVerdict = _GO,
-        notice: str = "",
-    ) -> Drawn:
-        """Draw map and markers into (h, w, 3) BGR; a camera and a plane must be set.
+    def draw(self, image: Pixels, shapes: FrameShapes) -> list[Box]:
+        """Draw shapes on their picture (h, w, 3) BGR; return the boxes of all that is written.
 
-        ``rates`` are the camera's at the pose, or None. At the top are written the checks'
-        ``verdict`` and the ``notice`` or, if it is empty, why no part of the map is in view.
+        Without a trusted pose only words are drawn.
         """
-        assert self._view is not None
-        assert self.draped is not None
-        camera = self._view.camera
-        level = self.ground if is_given(self.ground) else self.draped.level_m
-        sight = Sight(camera, pose, self.draped.plane, level)
-        if self._renderer is None:
-            self._renderer = MapRenderer(self._confidence, self.draped)
-        renderer = self._renderer
-        scale_m_px = ground_sample_m(sight) if renderer.depends_on_scale else math.nan
-        above_m = height_above_m(pose, sight.plane, level)
-        far_m = farthest_m(camera, above_m)
-        in_view = renderer.visible(self._view, pose, scale_m_px, far_m)
-        notice = notice or renderer.why_absent(in_view, camera, pose, scale_m_px, far_m)
-        bar = place_scale_bar(image, sight) if self._confidence.scale_bar else None
-        wants_rose = self._confidence.heading_rose
-        rose = place_rose(image, camera_heading_rad(pose)) if wants_rose else None
-        notices = _notices(image, verdict, notice, rose.box if rose else None)
+        if shapes.map is None:
+            boxes = self._draw_notices(image, shapes)
+        else:
+            boxes = self._draw_seen(image, shapes, shapes.map)
+        paint_status(image, shapes.status)
+        return boxes
+
+    def _renew_for(self, vector_map: VectorMap) -> None:
+        """Forget the labels that were drawn, whose numbers are of their own map, for another."""
+        if vector_map is not self._drawn_map:
+            self._renderer, self._drawn_map = MapRenderer(), vector_map
+
+    def _draw_notices(self, image: Pixels, shapes: FrameShapes) -> list[Box]:
+        placed = _notices(image, shapes.verdict, "", None)
+        for each in placed:
+            each.paint(image)
+        paint_notice(image, shapes.notice, max((each.box.bottom for each in placed), default=0))
+        return [each.box for each in placed]
+
+    def _draw_seen(self, image: Pixels, shapes: FrameShapes, seen: MapShapes) -> list[Box]:
+        self._renew_for(seen.map)
+        bar = place_scale_bar(image, shapes.bar) if shapes.bar else None
+        has_rose = not math.isnan(shapes.heading_rad)
+        rose = place_rose(image, shapes.heading_rad) if has_rose else None
+        notices = _notices(image, shapes.verdict, shapes.notice, rose.box if rose else None)
         written = [each for each in (bar, rose, *notices) if each]
         taken = [status_box(image), *(each.box for each in written)]
-        placed = PlacedMarkers(image, camera, pose, markers, taken) if markers else None
+        placed = PlacedMarkers(image, shapes.markers, taken) if shapes.markers else None
         if placed:
             taken += placed.boxes
-        labels = renderer.paint(image, self._view, pose, rates, in_view, taken)
+        labels = self._renderer.paint(image, seen, taken)
         if placed:
-            placed.paint(image, renderer.lines)
+            placed.paint(image, self._renderer.lines)
         for each in written:
             each.paint(image)
-        return Drawn(notice, above_m if is_given(self.ground) else math.nan, (*taken, *labels))
+        return [*taken, *labels]
 
 
 def _notices(
@@ -437,6 +392,7 @@ class Rectifier:
         self._border = np.full((*shape, 3), _BORDER_BGR, np.uint8)
 
     def rectified(self, image: Pixels) -> Pixels:
-        """Return the rectified picture, a new array (h, w, 3) BGR, of a picture (h, w, 3) BGR."""
+        """Return the rectified picture, a new array, of one (h, w) grey or (h, w, 3) BGR."""
         straight = cv2.remap(image, *self._maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-        return np.asarray(cv2.copyTo(self._border, self._blank, straight), np.uint8)
+        border = self._border if image.ndim == 3 else np.zeros_like(image)
+        return np.asarray(cv2.copyTo(border, self._blank, straight), np.uint8)

@@ -149,17 +149,23 @@ class PlacedBar:
         text.draw(image, round((bar.left + bar.right - text.size[0]) / 2), self.box.top)
 
 
-def place_scale_bar(image: Pixels, sight: Sight) -> PlacedBar | None:
-    """Return the scale bar of a picture (h, w, ...); None without room, or ground in view."""
-    size_px, bottom = text_px(image), status_box(image).top
-    row = bottom - 0.6 * size_px
-    bar = scale_bar(sight, 0.8 * size_px, row)
-    if bar is None or row < 3 * size_px:
-        return None
+def seen_bar(picture: Pixels, sight: Sight) -> ScaleBar | None:
+    """Return the scale bar of a picture (h, w, ...), above the left end of the status line.
+
+    None without room, or ground in view.
+    """
+    size_px = text_px(picture)
+    row = status_box(picture).top - 0.6 * size_px
+    return scale_bar(sight, 0.8 * size_px, row) if row >= 3 * size_px else None
+
+
+def place_scale_bar(image: Pixels, bar: ScaleBar) -> PlacedBar:
+    """Place a bar of ``seen_bar`` on its picture (h, w, ...)."""
+    size_px = text_px(image)
     width, height = stamp(bar.text, size_px, TEXT_BGR).size
-    top = round(row - _TICK_TIMES * size_px) - height
+    top = round(bar.row - _TICK_TIMES * size_px) - height
     right = max(bar.right, (bar.left + bar.right + width) / 2)
-    return PlacedBar(bar, Box(0, top, math.ceil(right + size_px / 2), bottom))
+    return PlacedBar(bar, Box(0, top, math.ceil(right + size_px / 2), status_box(image).top))
 
 
 def place_rose(image: Pixels, heading_rad: float) -> PlacedText | None:

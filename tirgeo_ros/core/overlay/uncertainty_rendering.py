@@ -169,11 +169,12 @@ class Anchors(NamedTuple):
 
 
 class Marked(NamedTuple):
-    """Hold lines with their opacity, and ellipses of points, ready to be drawn."""
+    """Hold lines with their opacity, and the 95 % ellipses of anchors."""
 
     lines: Polylines  # cut where their opacity changes
     opacity: Array  # (lines,) 1/4 to 1
-    outlines: Polylines  # (2, V) pixels, owned by features: dashes, or dots if uncertain
+    semi_px: Array  # (anchors, 2) semi-axes, at most a quarter of the picture; nan if unknown
+    angle: Array  # (anchors,) of the larger semi-axis, from u towards v
     uncertain: BoolArray  # (anchors,) the ellipse is over half the picture long, or unknown
 
 
@@ -182,14 +183,12 @@ def marked(
     frame: FrameConfidence,
     lines: VisibleLines,
     anchors: Anchors,
-    mark_radius_px: float,
     sigma_m: Array | None = None,
 ) -> Marked:
-    """Return faded lines, and the ellipses of anchors that are clearly larger than a mark.
+    """Return faded lines, and the ellipses of anchors.
 
     ``sigma_m`` (features,) is the standard deviation of each feature's layer, nan if it has none.
-    With ``lines: none`` the lines are returned unchanged. Without ``ellipses`` there are no
-    outlines, but ``uncertain`` is still computed.
+    With ``lines: none`` the lines are returned unchanged.
     """
     fades = config.lines != "none" and len(lines)
     rays, owner, count = anchors.rays, anchors.owner, len(anchors.owner)
@@ -202,32 +201,51 @@ def marked(
     semi_px, angle = ellipse_95(matrices(spread[:, :count]))
     most_px = min(frame.camera.width, frame.camera.height) / 4
     uncertain = ~(linear & (semi_px[:, 0] <= most_px))
-    drawn = anchors.mark & (semi_px[:, 0] >= MARK_TIMES * mark_radius_px)  # nan: not drawn
-    chosen = np.flatnonzero(drawn & config.ellipses)
-    ellipses = anchors.uv[:, chosen], np.minimum(semi_px[chosen], most_px), angle[chosen]
-    dashes = ellipse_dashes(*ellipses, anchors.owner[chosen], uncertain[chosen])
+    plain = Marked(lines, np.ones(len(lines)), np.minimum(semi_px, most_px), angle, uncertain)
     if not fades:
-        return Marked(lines, np.ones(len(lines)), dashes, uncertain)
+        return plain
     radius_px = radius_95(spread[:, count:])
     # fmin turns nan, an unknown radius, into the faintest step.
     step = np.fmin(np.floor(radius_px * (FADE_STEPS / config.fade_px)), FADE_STEPS)
-    return Marked(*cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS)), dashes, uncertain)
+    parts, opacity = cut_by(1 - step * ((1 - FAINTEST) / FADE_STEPS))
+    return plain._replace(lines=parts, opacity=opacity)
 
 
 def with_marks(labelled: Anchors, marks: VisibleLines) -> Anchors:
-    """Return the anchors of labels and of the nearest other marks, at most ``MOST_ELLIPSES``."""
+    """Return the anchors of labels, then those of the nearest ``MOST_ELLIPSES`` other marks."""
     if not len(marks):
         return labelled
     others = np.flatnonzero(~np.isin(marks.owner, labelled.owner))
-    most = max(MOST_ELLIPSES - len(labelled.owner), 0)
-    if len(others) > most:
-        others = np.sort(others[np.argsort(-marks.rays[2, others])[:most]])
+    if len(others) > MOST_ELLIPSES:
+        others = np.sort(others[np.argsort(-marks.rays[2, others])[:MOST_ELLIPSES]])
     return Anchors(
         np.concatenate([labelled.uv, marks.points[:, others]], axis=1),
         np.concatenate([labelled.rays, marks.rays[:, others]], axis=1),
         np.concatenate([labelled.owner, marks.owner[others]]),
         np.concatenate([labelled.mark, np.ones(len(others), bool)]),
     )
+
+
+def with_ellipses(anchors: Anchors, labelled: IntArray) -> IntArray:
+    """Return the marks among the anchors that get an ellipse: at most ``MOST_ELLIPSES``.
+
+    They are the ``labelled`` ones, indices of anchors, then the nearest.
+    """
+    others = anchors.mark.copy()
+    others[labelled] = False
+    rest = np.flatnonzero(others)
+    most = max(MOST_ELLIPSES - len(labelled), 0)
+    if len(rest) > most:
+        rest = rest[np.argsort(-anchors.rays[2, rest])[:most]]
+    return np.concatenate([labelled[anchors.mark[labelled]], rest])
+
+
+def outlines(anchors: Anchors, shapes: Marked, rows: IntArray, mark_radius_px: float) -> Polylines:
+    """Return the dashes (2, V) of the ellipses of some anchors that are larger than a mark."""
+    large = shapes.semi_px[rows, 0] >= MARK_TIMES * mark_radius_px  # nan: not drawn
+    rows = rows[large]
+    ellipses = anchors.uv[:, rows], shapes.semi_px[rows], shapes.angle[rows]
+    return ellipse_dashes(*ellipses, anchors.owner[rows], shapes.uncertain[rows])
 
 
 def ellipse_dashes(

@@ -42,8 +42,22 @@ MEMORY_S = 30.0
 _RARE_SIGMA = 3.09
 #: Least standard deviation that a weight is computed from, m, and as a share of the largest one.
 _LEAST_M, _LEAST_SHARE = 0.01, 0.05
+#: Chi-square of two degrees of freedom, 99 %: places nearer than this can be the same.
+_SAME_PLACE = 9.21
 # A target.
-KINDS = ("person", "fire", "vehicle", "hydrant", "building", "other")
+#: Kind -> its colour, "#" and red, green, blue, of the palette of ATAK's spots, on the page and in
+#: the team's programs.
+COLOURS = {
+    "person": "#ff0000",
+    "fire": "#ff7700",
+    "vehicle": "#ff00ff",
+    "hydrant": "#00ffff",
+    "building": "#ffff00",
+    "other": "#ffffff",
+}
+KINDS = (*COLOURS,)
+NEW = "new"  # the status that a target begins with
+STATUSES = (NEW, "checked", "found", "dismissed")
 MOST_TARGETS = 2000  # in a file, and drawn
 _LONGEST_LABEL = 60  # characters
 
@@ -105,6 +119,7 @@ class Target:
     created_ns: int
     changed_ns: int
     clicks: tuple[Located, ...]
+    status: str = NEW  # one of STATUSES
 
     def __post_init__(self) -> None:
         """Raise TargetError for a click that cannot be a point on the ground."""
@@ -172,6 +187,27 @@ def _average(clicks: tuple[Located, ...]) -> tuple[Located, float]:
     middle = Located(clicks[-1].stamp_ns, *place, tuple(covariance.tolist()))
     check(middle)
     return middle, average.test_ratio
+
+
+def near(place: Located, targets: Sequence[Target]) -> list[Target]:
+    """Return the targets that can be at a place, by both horizontal covariances, nearest first."""
+    if not targets:
+        return []
+    others = [target.place for target in targets]
+    latitudes = np.radians([p.latitude_deg for p in others])
+    longitudes = np.radians([p.longitude_deg for p in others])
+    heights_m = np.array([p.height_m for p in others])
+    off = place.plane.ned_from_geodetic(latitudes, longitudes, heights_m)[:, :2]
+    sums = np.array([p.covariance_n[:2, :2] for p in others]) + place.covariance_n[:2, :2]
+    sums += np.eye(2) * _LEAST_M**2
+    squared = np.einsum("ni,ni->n", off, np.linalg.solve(sums, off[..., None])[..., 0])
+    order = np.argsort(np.hypot(*off.T), kind="stable")
+    return [targets[i] for i in order.tolist() if squared[i] <= _SAME_PLACE]
+
+
+def known_status(text: object) -> str:
+    """Return a status as another version or program wrote it, NEW for an unknown one."""
+    return text if isinstance(text, str) and text in STATUSES else NEW
 
 
 def check(click: Located) -> None:

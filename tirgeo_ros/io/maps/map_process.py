@@ -50,7 +50,7 @@ from tirgeo_ros.core.frames.wgs84 import SEMI_MAJOR_AXIS_M
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.polylines import Polylines, worths
 from tirgeo_ros.core.map.vector_map import GeoFeature, MapLayer, check_heights
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
+from tirgeo_ros.core.overlay.map_shapes import DrapedMap, drape_layers
 from tirgeo_ros.core.types.arrays import Array
 from tirgeo_ros.core.types.errors import MapError, TirgeoError
 from tirgeo_ros.io.elevation.elevation_model import ground_of

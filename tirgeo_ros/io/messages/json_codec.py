@@ -31,7 +31,7 @@ from typing import Any, TypeVar
 from tirgeo_ros.core.config.overlay_parameters import POINT_SIGMAS, ConfidenceConfig
 from tirgeo_ros.core.ground.backprojection import Reason
 from tirgeo_ros.core.ground.ground_point import Answer, Located, Refusal
-from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, Target
+from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, Target, known_status
 from tirgeo_ros.core.types.errors import MessageError, TargetError, cut, shown
 from tirgeo_ros.core.types.finding import Finding, Severity
 from tirgeo_ros.core.types.measurements import FixStatus
@@ -121,6 +121,7 @@ def target_row(target: Target) -> dict[str, Any]:
         "changed_ns": str(target.changed_ns),
         "clicks": len(target.clicks),
         "clicks_agree": target.clicks_agree,
+        "status": target.status,
         "stamp_ns": str(place.stamp_ns),
     } | _place_row(place)
 
@@ -148,7 +149,8 @@ def _target(row: Mapping[str, Any]) -> Target:
     kind = row["kind"] if row["kind"] in KINDS else "other"
     times = int(row["created_ns"]), int(row["changed_ns"])
     own = str(row["id"]), int(row["number"]), name, kind, "", aircraft
-    return Target(*own, *times, (_point(row),))
+    status = known_status(row.get("status"))  # which older recordings lack
+    return Target(*own, *times, (_point(row),), status)
 
 
 def _place_row(point: Located) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,10 +56,14 @@ from tirgeo_ros.io.messages.message_parts import (
 )
 from tirgeo_ros.io.messages.sensor_messages import SensorMessages
 
+if TYPE_CHECKING:
+    from tirgeo_ros.io.messages.shapes_codec import WrittenShapes
+
 _ENCODINGS = {("|u1", 2): "mono8", ("|u1", 3): "bgr8", ("<u2", 2): "mono16"}
 #: First bytes of picture files -> their format in messages.
 _MARKS = {b"\xff\xd8": "jpeg", b"\x89PNG": "png", b"II*\0": "tiff", b"MM\0*": "tiff"}
 OK, WARN, ERROR = 0, 1, 2
+_LINE_LIST = 2  # ImageMarker's
 _LEVELS = {FilterState.RUNNING: OK, FilterState.LOST: ERROR}  # all others are warnings
 
 
@@ -104,6 +108,11 @@ def navigation_item(name: str, status: NavigationStatus) -> DiagnosticItem:
     level = WARN if warned else _LEVELS.get(status.state, WARN)
     text = f"{status.state.value}: {warned or status.reason}".removesuffix(": ")
     return DiagnosticItem(name, level, text, values)
+
+
+def _rgba(colour: str) -> tuple[float, float, float]:
+    red, green, blue = (int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+    return red, green, blue
 
 
 class Messages(SensorMessages):
@@ -181,12 +190,45 @@ class Messages(SensorMessages):
             data=np.ascontiguousarray(pixels).reshape(-1).view(np.uint8),
         )
 
-    def compressed(self, stamp_ns: int, file: bytes) -> Any:
-        """Return ``sensor_msgs/CompressedImage`` of the bytes of a JPEG, PNG or TIFF file."""
-        form = next((name for mark, name in _MARKS.items() if file.startswith(mark)), "jpeg")
+    def compressed(self, stamp_ns: int, file: bytes, form: str = "") -> Any:
+        """Return ``sensor_msgs/CompressedImage`` of the bytes of a JPEG, PNG or TIFF file.
+
+        ``form`` is the format to write, if it is another.
+        """
+        known = (name for mark, name in _MARKS.items() if file.startswith(mark))
+        form = form or next(known, "jpeg")
         data = np.frombuffer(file, np.uint8)
         typename = "sensor_msgs/msg/CompressedImage"
         return self.stamped(typename, stamp_ns, self.frames.camera, format=form, data=data)
+
+    def line_marker(self, stamp_ns: int, shapes: WrittenShapes) -> Any:
+        """Return ``visualization_msgs/ImageMarker``: all lines, in the colours of their layers.
+
+        Foxglove counts pixels from the corner of the first one, and wants a colour a segment.
+        """
+        point, colour = Cdr.types("geometry_msgs/msg/Point"), Cdr.types("std_msgs/msg/ColorRGBA")
+        uv, layer = shapes.segments()
+        pens = [_rgba(layer["line"]) for layer in shapes.words["layers"]]
+        colours = [colour(r=r, g=g, b=b, a=1.0) for r, g, b in pens]
+        white = colour(r=1.0, g=1.0, b=1.0, a=1.0)
+        typename = "visualization_msgs/msg/ImageMarker"
+        return self.stamped(
+            typename,
+            stamp_ns,
+            self.frames.camera,
+            ns="map",
+            id=0,
+            type=_LINE_LIST,
+            action=0,
+            filled=0,
+            scale=1.0,
+            position=point(x=0.0, y=0.0, z=0.0),
+            outline_color=white,
+            fill_color=white,
+            lifetime=Cdr.types("builtin_interfaces/msg/Duration")(sec=0, nanosec=0),
+            points=[point(x=u, y=v, z=0.0) for u, v in (uv + 0.5).tolist()],
+            outline_colors=[colours[number] for number in layer.tolist()],
+        )
 
     def camera_info(self, camera: Camera, stamp_ns: int) -> Any:
         """Return ``sensor_msgs/CameraInfo``: R identity, P from K; plumb_bob with five numbers."""

@@ -33,6 +33,9 @@ TOPIC_TYPES: dict[str, str] = {topic: row.typename for topic, row in BY_TOPIC.it
     "tirgeo/camera_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
     "tirgeo/overlay/image": "sensor_msgs/msg/Image",
     "tirgeo/overlay/image/compressed": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/overlay/clean/compressed": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/overlay/shapes": "sensor_msgs/msg/CompressedImage",
+    "tirgeo/overlay/markers": "visualization_msgs/msg/ImageMarker",
     "tirgeo/overlay/camera_info": "sensor_msgs/msg/CameraInfo",
     "tirgeo/footprint": "geometry_msgs/msg/PolygonStamped",
     "tirgeo/path": "nav_msgs/msg/Path",
@@ -65,6 +68,7 @@ _STREAMS = (*SENSED_TOPICS, "tirgeo/odometry", "tirgeo/camera_pose")
 _IMAGES = (
     *("image_raw", "image_raw/compressed"),
     *("overlay/image", "overlay/image/compressed", "overlay/camera_info"),
+    *("overlay/clean/compressed", "overlay/shapes", "overlay/markers"),
 )
 _LATCHED = (
     *("tirgeo/origin", "tirgeo/targets", "tirgeo/targets/markers", "tirgeo/state"),

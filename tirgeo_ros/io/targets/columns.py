@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from tirgeo_ros.core.ground.ground_point import Located, Refusal
-from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.targets.target import NEW, Target
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.coordinates.crs import written
 from tirgeo_ros.io.surveys.survey import Answered
@@ -56,6 +56,7 @@ _TARGET_COLUMNS: Mapping[str, tuple[str, Callable[[Target], Any]]] = {
     "changed_ns": ("INTEGER", lambda t: t.changed_ns),
     "clicks": ("INTEGER", lambda t: len(t.clicks)),
     "clicks_agree": ("BOOLEAN", lambda t: t.clicks_agree),
+    "status": ("TEXT", lambda t: t.status),
 }
 #: Column -> its type in SQL.
 COLUMNS: Mapping[str, str] = {
@@ -146,4 +147,5 @@ def _words(target: Target) -> str:
         f"towards {math.degrees(ellipse.azimuth_rad):.0f} deg; {height_m:.2f} m above the "
         "ellipsoid"
     )
-    return text if target.clicks_agree else f"{text}; its clicks disagree"
+    text = text if target.clicks_agree else f"{text}; its clicks disagree"
+    return text if target.status == NEW else f"{target.status}; {text}"

@@ -26,7 +26,7 @@ from xml.etree import ElementTree as ET
 
 from tirgeo_ros.core.ground.frame_geometry import FrameGeometry
 from tirgeo_ros.core.ground.ground_point import circular_error_90, linear_error_90
-from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.targets.target import COLOURS, NEW, Target
 from tirgeo_ros.core.types.errors import cut
 from tirgeo_ros.core.types.texts import legible, utc
 
@@ -43,15 +43,6 @@ _TARGET_VALID_S, _WITHDRAWN_VALID_S, _AIRCRAFT_VALID_S = 86400.0, 5.0, 30.0
 #: Most characters. A datagram holds 65507 bytes, and a character may take six (``&quot;``). The
 #: remarks that follow a note need some room.
 _MOST_TEXT, _MOST_NOTE = 4000, 3000
-#: Colour of a kind, as Android's signed 32-bit number of alpha, red, green, blue.
-COLOURS = {
-    "person": -65536,  # red
-    "fire": -35072,  # orange
-    "vehicle": -16776961,  # blue
-    "hydrant": -16711681,  # cyan
-    "building": -256,  # yellow
-}
-_WHITE = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,13 +67,14 @@ def target_uid(target: Target) -> str:
 
 def target_event(target: Target, now_ns: int, valid_s: float = _TARGET_VALID_S) -> ET.Element:
     """Return a target as a spot on the map, in its kind's colour, by default for a day."""
-    place, colour = target.place, COLOURS.get(target.kind, _WHITE)
+    place, colour = target.place, _argb(COLOURS[target.kind])
     errors = circular_error_90(place.covariance_n), linear_error_90(place.covariance_n)
     event = _event(target_uid(target), _SPOT, _IN_PICTURE, now_ns, valid_s)
     _add_point(event, place.latitude_deg, place.longitude_deg, place.height_m, *errors)
     clicks = len(target.clicks)
     remarks = (
         target.kind,
+        "" if target.status == NEW else target.status,
         cut(target.note, _MOST_NOTE),
         f"seen {utc(place.stamp_ns)}",
         f"by {target.aircraft}" if target.aircraft else "",
@@ -203,6 +195,11 @@ def _error_words(ce90_m: float, le90_m: float) -> str:
     if not math.isfinite(ce90_m):
         return "accuracy not known"
     return f"90 % within {ce90_m:.1f} m (ce is CE90), height {le90_m:.1f} m (le is LE90)"
+
+
+def _argb(colour: str) -> int:
+    """Return a colour as Android's signed 32-bit number of alpha, red, green, blue."""
+    return int(colour[1:], 16) - (1 << 24)
 
 
 def _one_line(text: str) -> str:

@@ -26,7 +26,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
-from tirgeo_ros.core.targets.target import Target
+from tirgeo_ros.core.targets.target import COLOURS, Target
 from tirgeo_ros.core.types.texts import legible, utc
 from tirgeo_ros.io.files.whole_files import PathLike, csv_text
 from tirgeo_ros.io.surveys.survey import Answered
@@ -45,7 +45,6 @@ Pictures = Callable[[str], bytes | None]
 #: Beginnings of cells, by any separator, that a spreadsheet computes; an apostrophe prevents it.
 _FORMULA = re.compile(r"""(^|[;|\t\n])(?=['" ]*[=+\-@\t\r])""")
 _KML, _GPX = "http://www.opengis.net/kml/2.2", "http://www.topografix.com/GPX/1/1"
-_LINE = "ffff50ff"  # KML's colours are alpha, blue, green, red
 #: Some readers of GPX show its texts as HTML, others as they are.
 _NO_TAGS = str.maketrans("<>", "\u2039\u203a")
 
@@ -91,15 +90,22 @@ def kml(rows: Sequence[Row]) -> str:
 
     KML's own heights are above sea level, so the ellipsoidal height is a property of the point.
     """
-    style = _node(
+    styles = [_style(kind, colour) for kind, colour in COLOURS.items()]
+    return _xml(_node("kml", _node("Document", *styles, *map(_placemark, rows)), xmlns=_KML))
+
+
+def _style(kind: str, colour: str) -> ET.Element:
+    red, green, blue = colour[1:3], colour[3:5], colour[5:]
+    own = f"ff{blue}{green}{red}"  # KML's colours are alpha, blue, green, red
+    return _node(
         "Style",
-        _node("LineStyle", _node("color", _LINE)),
+        _node("IconStyle", _node("color", own)),
+        _node("LineStyle", _node("color", own)),
         _node("PolyStyle", _node("fill", "0")),
         # Balloons show HTML: this one shows the description alone, where all texts are escaped.
         _node("BalloonStyle", _node("text", "$[description]")),
-        id="target",
+        id=kind,
     )
-    return _xml(_node("kml", _node("Document", style, *map(_placemark, rows)), xmlns=_KML))
 
 
 def _placemark(row: Row) -> ET.Element:
@@ -115,7 +121,8 @@ def _placemark(row: Row) -> ET.Element:
     mark = _node("Placemark", _node("name", name), _node("description", description))
     if row.target:
         mark.append(_node("TimeStamp", _node("when", utc(row.target.place.stamp_ns))))
-    mark.extend([_node("styleUrl", "#target"), _node("ExtendedData", *data)])
+    kind = row.target.kind if row.target else "other"
+    mark.extend([_node("styleUrl", f"#{kind}"), _node("ExtendedData", *data)])
     if row.target:
         place = row.target.place
         point = f"{place.longitude_deg:.9f},{place.latitude_deg:.9f}"

@@ -28,7 +28,7 @@ from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.target import KINDS, Target
+from tirgeo_ros.core.targets.target import KINDS, Target, known_status
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.io.files.geopackage_layers import Layer, Positions, insert, make_file, make_layer
 from tirgeo_ros.io.files.whole_files import PathLike, first_bytes
@@ -72,7 +72,7 @@ _LAYERS = (
 _JOURNAL = (
     "CREATE TABLE tirgeo_changes (revision INTEGER PRIMARY KEY AUTOINCREMENT NOT NULL, "
     "at_ns INTEGER, action TEXT NOT NULL, target TEXT NOT NULL, before TEXT, "
-    "undone INTEGER NOT NULL)"
+    "undone INTEGER NOT NULL, status TEXT)"
 )
 #: Alternatives: texts that a person may still choose for a field; ``settled`` is the revision of
 #: the choice, whose undo opens it again. Switches: what is switched on.
@@ -81,6 +81,19 @@ _PAGE_TABLES = {
     "switches": "what TEXT NOT NULL PRIMARY KEY",
 }
 _CLICK = ", ".join(CLICK)
+#: Tables whose column ``status`` files of an earlier version lack.
+_WITH_STATUS = ("targets", "tirgeo_changes")
+#: An earlier version writes a target anew without its status, which the file then keeps itself.
+_KEEP_STATUS = (
+    "CREATE TABLE IF NOT EXISTS tirgeo_statuses (target TEXT NOT NULL PRIMARY KEY, status TEXT)",
+    """CREATE TRIGGER IF NOT EXISTS tirgeo_keep_status BEFORE DELETE ON targets
+    WHEN OLD.id IS NOT NULL
+    BEGIN INSERT OR REPLACE INTO tirgeo_statuses VALUES (OLD.id, OLD.status); END""",
+    """CREATE TRIGGER IF NOT EXISTS tirgeo_put_status AFTER INSERT ON targets
+    WHEN NEW.status IS NULL
+    BEGIN UPDATE targets SET status = (SELECT status FROM tirgeo_statuses WHERE target = NEW.id)
+    WHERE fid = NEW.fid; END""",
+)
 
 
 def make_tables(db: sqlite3.Connection) -> None:
@@ -173,12 +186,26 @@ def opened(path: Path) -> tuple[sqlite3.Connection, list[Target]]:
                 make_tables(db)
             for name, columns in _PAGE_TABLES.items():  # exported files lack them
                 db.execute(f"CREATE TABLE IF NOT EXISTS tirgeo_{name} ({columns})")
+            _add_status(db)
             db.execute("UPDATE gpkg_contents SET srs_id = srs_id")  # fails if read-only
         targets = _load(db, path)
         # Otherwise one damaged byte of the journal would make all of it unreadable.
         db.text_factory = partial(str, encoding="utf-8", errors="replace")
         stack.pop_all()
         return db, targets
+
+
+def _add_status(db: sqlite3.Connection) -> None:
+    """Add what a file of an earlier version lacks."""
+    for table in _WITH_STATUS:
+        if not _has_status(db, table):
+            db.execute(f"ALTER TABLE {table} ADD COLUMN status TEXT")
+    for statement in _KEEP_STATUS:
+        db.execute(statement)
+
+
+def _has_status(db: sqlite3.Connection, table: str) -> bool:
+    return "status" in {name for _, name, *_ in db.execute(f"PRAGMA table_info({table})")}
 
 
 @contextlib.contextmanager
@@ -227,21 +254,22 @@ def _load(db: sqlite3.Connection, path: Path) -> list[Target]:
     changed in a GIS. Raises TargetError for rows that tirgeo cannot have written.
     """
     clicks: defaultdict[str, list[Located]] = defaultdict(list)
-    own = "id, number, created_ns, changed_ns, name, target_kind, note, aircraft"
+    status = "status" if _has_status(db, "targets") else "NULL"
+    own = f"id, number, created_ns, changed_ns, name, target_kind, note, aircraft, {status}"
     targets = []
     try:
         for target_id, *numbers in db.execute(f"SELECT target, {_CLICK} FROM clicks ORDER BY fid"):  # noqa: S608  constants of ours
             clicks[target_id].append(_click(*numbers))
         for row in db.execute(f"SELECT {own}, {_CLICK} FROM targets ORDER BY number"):  # noqa: S608  constants of ours
             places = clicks[row[0]]
-            if not places and None not in (*row[:4], *row[8:]):
-                places = [_click(*row[8:])]
+            if not places and None not in (*row[:4], *row[9:]):
+                places = [_click(*row[9:])]
             if places:
                 number, created_ns, changed_ns = (int(str(value)) for value in row[1:4])
                 name, kind, note, aircraft = (str(word or "") for word in row[4:8])
                 texts = name, kind if kind in KINDS else "other", note, aircraft
                 own_values = str(row[0]), number, *texts, created_ns, changed_ns
-                targets.append(Target(*own_values, tuple(places)))
+                targets.append(Target(*own_values, tuple(places), known_status(row[8])))
     except (TargetError, TypeError, ValueError, AttributeError) as error:
         raise TargetError(f"{path}: {_DAMAGED} ({error})") from None
     return targets

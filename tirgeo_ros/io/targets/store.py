@@ -23,13 +23,14 @@ import math
 import threading
 import uuid
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from tirgeo_ros.core.frames.wgs84 import ecef_from_geodetic
 from tirgeo_ros.core.ground.ground_point import Located
-from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, Target
+from tirgeo_ros.core.targets.target import KINDS, MOST_TARGETS, NEW, STATUSES, Target
 from tirgeo_ros.core.types.errors import TargetError
 from tirgeo_ros.core.types.texts import legible, utc
 from tirgeo_ros.io.targets.columns import CLICK
@@ -56,11 +57,29 @@ _UNDONE = {
     "refine": "the last click on target {} removed",
     "edit": "target {} as before",
     "delete": "target {} is back",
+    "merge": "target {} as before",  # and the change before it, the deletion of the other one
 }
-_LOG = "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone) VALUES (?, ?, ?, ?, ?)"
+_LOG = (
+    "INSERT INTO tirgeo_changes (at_ns, action, target, before, undone, status) "
+    "VALUES (?, ?, ?, ?, ?, ?)"
+)
 _NEWEST_CHANGES = (
-    "SELECT revision, action, target, before FROM tirgeo_changes WHERE undone = 0 "
+    "SELECT revision, action, target, before, status FROM tirgeo_changes WHERE undone = 0 "
     "AND (?1 IS NULL OR target = ?1) ORDER BY revision DESC"
+)
+_DELETED = (
+    "SELECT action, target, before, status FROM tirgeo_changes WHERE undone = 0 AND revision = ?"
+)
+#: The target that one which was deleted at ``revision - 1`` became part of, and whether that is
+#: still its newest change.
+_MERGED = (
+    "SELECT target, revision = (SELECT max(revision) FROM tirgeo_changes "
+    "WHERE undone = 0 AND target = merging.target) FROM tirgeo_changes AS merging "
+    "WHERE undone = 0 AND revision = ? AND action = 'merge'"
+)
+#: A merging cannot be undone without the deletion before it.
+_DROP_CHANGES = (
+    "DELETE FROM tirgeo_changes WHERE revision <= ?1 OR revision = ?1 + 1 AND action = 'merge'"
 )
 _MARK_UNDONE = "UPDATE tirgeo_changes SET undone = 1 WHERE revision = ?"
 _OPEN = "SELECT target, field, text FROM tirgeo_alternatives WHERE settled IS NULL ORDER BY rowid"
@@ -100,9 +119,8 @@ class TargetStore:
         self.revision = int(last[0][0] or 0)
 
     def all(self) -> list[Target]:
-        """Return the targets by number, without deleted ones."""
-        with self._lock:
-            return sorted(self._targets.values(), key=lambda target: target.number)
+        """Return the targets by number, without deleted ones; never wait for the disk."""
+        return sorted(self._targets.copy().values(), key=lambda target: target.number)
 
     def get(self, target_id: str) -> Target:
         """Return a target. Raises TargetError if it does not exist or was deleted."""
@@ -122,8 +140,8 @@ class TargetStore:
         now_ns: int,
     ) -> Target:
         """Add a target at a click; ``picture`` is a cut-out of the video, JPEG."""
-        texts = _text("name", name, MOST_NAME), _kind(kind), ""
-        aircraft = _text("aircraft", aircraft, MOST_NAME)
+        texts = _CHECKED["name"](name), _CHECKED["kind"](kind), ""
+        aircraft = _text("aircraft", MOST_NAME, aircraft)
         if picture is not None and not (
             len(picture) <= MOST_PICTURE and picture.startswith(b"\xff\xd8")
         ):
@@ -162,16 +180,12 @@ class TargetStore:
     def edit(
         self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None, **words: str
     ) -> Target:
-        """Change name, kind or note; ``was``: the texts that the writer saw (None: the current).
+        """Change name, kind, note or status; ``was``: what the writer saw (None: the current).
 
         If a field was changed meanwhile, or its target deleted, it stays and the new text is kept
         as an alternative. Raises TargetError also for a deleted target.
         """
-        most = {"name": MOST_NAME, "note": MOST_NOTE}
-        new = {
-            field: _kind(text) if field == "kind" else _text(field, text, most[field])
-            for field, text in words.items()
-        }
+        new = {field: _CHECKED[field](text) for field, text in words.items()}
         with self._lock:
             before = self._targets.get(target_id)
             if before is None:
@@ -194,6 +208,8 @@ class TargetStore:
         """Dismiss an alternative: the field stays as it is; ``undo`` opens it again."""
         with self._lock:
             target = self.get(target_id)
+            if [field, text] not in self.alternatives()[target_id]:
+                return target  # somebody else has dismissed or chosen it
             with self._transaction():
                 revision = self._log("edit", target_id, target, now_ns)
                 self._db.execute(_SETTLE, (revision, target_id, field, text))
@@ -203,8 +219,7 @@ class TargetStore:
         """Return the targets by number, with the alternatives in their notes."""
         targets, others = {target.id: target for target in self.all()}, self.alternatives()
         for id_ in targets.keys() & others.keys():
-            lines = [f"also written as the {field}: {text}" for field, text in others[id_]]
-            note = "\n".join([targets[id_].note, *lines]).strip()
+            note = _with_others(targets[id_].note, others[id_])
             targets[id_] = dataclasses.replace(targets[id_], note=note)
         return [*targets.values()]
 
@@ -228,10 +243,14 @@ class TargetStore:
         self.revision = revision
 
     def delete(self, target_id: str, now_ns: int, was: Mapping[str, str] | None = None) -> None:
-        """Delete a target if its texts are those that the writer saw; ``undo`` restores it."""
+        """Delete a target if its texts, and status if given, are those that the writer saw.
+
+        ``undo`` restores it.
+        """
         with self._lock:
             before = self.get(target_id)
-            if not all(_is_still(before, field, was) for field in ("name", "kind", "note")):
+            seen = was if was is None else {"status": before.status, **was}
+            if not all(_is_still(before, field, seen) for field in _CHECKED):
                 raise TargetError("it was changed meanwhile: look at it, then delete it")
             with self._transaction():
                 remove_target(self._db, before.id)
@@ -239,33 +258,70 @@ class TargetStore:
             del self._targets[before.id]
             self.revision = revision
 
+    def merge(self, target_id: str, into_id: str, now_ns: int) -> Target:
+        """Give the clicks and texts of a target to another one, and delete it."""
+        with self._lock:
+            gone, into = self.get(target_id), self.get(into_id)
+            clicks = (*into.clicks, *gone.clicks)
+            if gone is into:
+                raise TargetError("a target cannot be merged with itself")
+            if len(clicks) > MOST_CLICKS:
+                raise TargetError(f"together they have more than {MOST_CLICKS} clicks")
+            others = self.alternatives()[gone.id]
+            if into.name and gone.name not in {"", into.name}:
+                others.append(["name", gone.name])
+            note = "\n".join(filter(None, (into.note, _with_others(gone.note, others))))
+            new = {"note": _CHECKED["note"](note), "name": into.name or gone.name}
+            with self._transaction():
+                remove_target(self._db, gone.id)
+                self._log("delete", gone.id, gone, now_ns)
+                after, revision = self._put("merge", into, now_ns, clicks=clicks, **new)
+            del self._targets[gone.id]
+            return self._remember(after, revision)
+
     def undo(self, of: str | None = None) -> str:
         """Undo the newest change not yet undone, of all targets or ``of`` the target with this id.
 
-        Return words for the operator, "" if there is no such change. Raises TargetError if its
-        record is damaged; the next undo skips it.
+        Return words for the operator, "" if there is no such change. Of a target that was merged
+        the whole merging is undone, so that no click is in two targets. Raises TargetError if the
+        other one was changed since, or the record is damaged; the next undo skips a damaged one.
         """
         with self._lock:
             passed, fault = [], ""
-            for revision, action, target_id, text in self._read(_NEWEST_CHANGES, of):
+            for revision, action, target_id, text, status in self._read(_NEWEST_CHANGES, of):
                 passed.append((revision,))
+                for into_id, is_newest in self._read(_MERGED, revision + 1):
+                    if not is_newest:
+                        raise TargetError("it is part of one that changed since: undo that first")
+                    return self.undo(into_id)
                 try:
-                    before = _before(self._targets.values(), action, target_id, text)
+                    before = _before(self._targets.values(), action, target_id, text, status)
+                    merged = self._deleted_at(revision - 1) if action == "merge" else None
                 except _DAMAGE:
                     fault = (
                         "the record of the last change is damaged: Undo again for the one before"
                     )
                     break
                 if before or target_id in self._targets:
-                    return self._take_back(passed, action, target_id, before)
+                    return self._take_back(passed, action, target_id, before, merged)
             with self._transaction():  # another program removed these targets meanwhile
                 self._db.executemany(_MARK_UNDONE, passed)
             if fault:
                 raise TargetError(fault)
             return ""
 
+    def _deleted_at(self, revision: int) -> Target | None:
+        """Return the target that a change deleted, unless that is undone already."""
+        rows = self._read(_DELETED, revision)
+        return _before(self._targets.values(), *rows[0]) if rows else None
+
     def _take_back(
-        self, changes: list[tuple[int]], action: str, target_id: str, before: Target | None
+        self,
+        changes: list[tuple[int]],
+        action: str,
+        target_id: str,
+        before: Target | None,
+        merged: Target | None,
     ) -> str:
         with self._transaction():
             self._db.executemany(_MARK_UNDONE, changes)
@@ -277,10 +333,15 @@ class TargetStore:
             self._db.execute(again, changes[-1])
             # The journal keeps the undone state, so no text is lost from the file.
             revision = self._log("undo", target_id, self._targets.get(target_id), None)
-        target = self._remember(before or self._targets[target_id], revision)
-        if before is None:
-            del self._targets[target_id]
-        return _UNDONE[action].format(target.number)
+            if merged is not None:
+                self._db.execute(_MARK_UNDONE, (changes[-1][0] - 1,))
+                put_target(self._db, merged)
+                revision = self._log("undo", merged.id, None, None)
+        target = before or self._targets.pop(target_id)
+        self._targets |= {each.id: each for each in (before, merged) if each is not None}
+        self.revision = revision  # last: who has seen it reads the whole change
+        words = _UNDONE[action].format(target.number)
+        return words if merged is None else f"{words}; {_UNDONE['delete'].format(merged.number)}"
 
     def picture(self, target_id: str) -> bytes | None:
         """Return a target's cut-out of the video, JPEG, or None."""
@@ -289,7 +350,7 @@ class TargetStore:
 
     def mark(self, text: str, stamp_ns: int) -> None:
         """Add a mark: a text at a time."""
-        text = _text("mark", text, MOST_MARK)
+        text = _text("mark", MOST_MARK, text)
         with self._lock:
             if self._read("SELECT count(*) FROM marks")[0][0] >= MOST_MARKS:
                 raise TargetError(f"there are {MOST_MARKS} marks already")
@@ -319,14 +380,19 @@ class TargetStore:
             self._db.close()
 
     def _change(self, action: str, before: Target, now_ns: int, **new: Any) -> Target:
-        after = dataclasses.replace(before, changed_ns=now_ns, **new)
         with self._transaction():
-            put_target(self._db, after)
-            revision = self._log(action, before.id, before, now_ns)
-            for field, text in self.alternatives()[before.id]:
-                if field in new and f"\n{text}\n" in f"\n{new[field]}\n":
-                    self._db.execute(_SETTLE, (revision, before.id, field, text))
+            after, revision = self._put(action, before, now_ns, **new)
         return self._remember(after, revision)
+
+    def _put(self, action: str, before: Target, now_ns: int, **new: Any) -> tuple[Target, int]:
+        """Write a changed target; return it with the revision."""
+        after = dataclasses.replace(before, changed_ns=now_ns, **new)
+        put_target(self._db, after)
+        revision = self._log(action, before.id, before, now_ns)
+        for field, text in self.alternatives()[before.id]:
+            if field in new and f"\n{text}\n" in f"\n{new[field]}\n":
+                self._db.execute(_SETTLE, (revision, before.id, field, text))
+        return after, revision
 
     def _remember(self, target: Target, revision: int) -> Target:
         self._targets[target.id] = target
@@ -335,13 +401,12 @@ class TargetStore:
 
     def _log(self, action: str, target_id: str, before: Target | None, now_ns: int | None) -> int:
         """Add a change to the journal, and drop its oldest ones; return the revision."""
-        text = None if before is None else _record(before)
-        row = (now_ns, action, target_id, text, action in {"undo", "alternative"})
+        text, status = (None, None) if before is None else (_record(before), before.status)
+        row = (now_ns, action, target_id, text, action in {"undo", "alternative"}, status)
         revision = int(self._db.execute(_LOG, row).lastrowid or 0)
         oldest = (revision - MOST_CHANGES,)
         self._db.execute("DELETE FROM tirgeo_alternatives WHERE settled <= ?", oldest)
-        old = "DELETE FROM tirgeo_changes WHERE revision <= ?"
-        if self._db.execute(old, oldest).rowcount:
+        if self._db.execute(_DROP_CHANGES, oldest).rowcount:
             self._db.execute(_DROP_PICTURES)
         return revision
 
@@ -376,13 +441,16 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def _record(target: Target) -> str:
-    """Return a target as the journal keeps it."""
+    """Return a target as the journal keeps it, without its status."""
     fields = {field.name: getattr(target, field.name) for field in dataclasses.fields(target)}
+    del fields["status"]  # it has a column, as earlier versions read no record with another field
     clicks = [{key: getattr(click, key) for key in CLICK} for click in fields.pop("clicks")]
     return json.dumps(fields | {"fixings": clicks})
 
 
-def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> Target | None:
+def _before(
+    now: Iterable[Target], action: str, id_: str, text: str | None, status: str | None
+) -> Target | None:
     """Return the target before a change, None if that added it; raise one of ``_DAMAGE``."""
     if action not in _UNDONE or (action == "add") != (text is None):
         raise ValueError(action)
@@ -393,8 +461,9 @@ def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> T
         click | {"covariance_enu": tuple(click["covariance_enu"])}
         for click in fields.pop("fixings")
     )
-    before = Target(**fields, clicks=tuple(Located(**click) for click in clicks))
-    sound = before.kind in KINDS and before.clicks
+    places = tuple(Located(**click) for click in clicks)
+    before = Target(**fields, clicks=places, status=NEW if status is None else status)
+    sound = before.kind in KINDS and before.status in STATUSES and before.clicks
     largest = max(map(abs, (before.number, before.created_ns, before.changed_ns)))
     same = {before.id, *(other.id for other in now if other.number == before.number)}
     if not sound or largest >= 1 << 63 or same != {id_}:
@@ -402,7 +471,7 @@ def _before(now: Iterable[Target], action: str, id_: str, text: str | None) -> T
     return before
 
 
-def _text(what: str, text: str, most: int) -> str:
+def _text(what: str, most: int, text: str) -> str:
     """Return a text without control characters. Raises TargetError if it is too long."""
     clean = legible(text).strip()
     if len(clean) > most:
@@ -414,10 +483,25 @@ def _is_still(target: Target, field: str, was: Mapping[str, str] | None) -> bool
     """Return whether a field has the text that the writer saw, as typed or as kept."""
     if was is None or field not in was:
         return was is None
-    return getattr(target, field) in {was[field], _text(field, was[field], len(was[field]))}
+    return getattr(target, field) in {was[field], _text(field, len(was[field]), was[field])}
 
 
-def _kind(kind: str) -> str:
-    if kind not in KINDS:
-        raise TargetError(f"unknown kind of target; give one of {', '.join(KINDS)}")
-    return kind
+def _with_others(note: str, others: Iterable[Sequence[str]]) -> str:
+    """Return a note with alternatives, each a field and a text, as lines of their own."""
+    lines = [f"also written as the {field}: {text}" for field, text in others]
+    return "\n".join([note, *lines]).strip()
+
+
+def _one_of(what: str, words: Sequence[str], text: str) -> str:
+    if text not in words:
+        raise TargetError(f"unknown {what} of target; give one of {', '.join(words)}")
+    return text
+
+
+#: What an operator may change of a target -> returns it as it is kept, or raises TargetError.
+_CHECKED: Mapping[str, Callable[[str], str]] = {
+    "name": partial(_text, "name", MOST_NAME),
+    "kind": partial(_one_of, "kind", KINDS),
+    "note": partial(_text, "note", MOST_NOTE),
+    "status": partial(_one_of, "status", STATUSES),
+}

@@ -163,15 +163,16 @@ class Outbox:
     def first(self) -> tuple[str, Maker] | None:
         """Return the next entry to send, None while shut; it waits until ``sent``."""
         with self._lock:
-            return None if self.shut else next(iter(self._waiting.items()), None)
+            entry = None if self.shut else next(iter(self._waiting.items()), None)
+            if entry and entry[0] in self._kept:  # from now on, also if the sending fails
+                self._team_has.add(entry[0])
+            return entry
 
     def sent(self, uid: str, make: Maker) -> None:
         """Remove a sent entry, unless a newer one has replaced it meanwhile."""
         with self._lock:
             if self._waiting.get(uid) is make:
                 del self._waiting[uid]
-            if uid in self._kept:
-                self._team_has.add(uid)
 
     def drop(self, uid: str) -> None:
         """Remove an object whose numbers make no valid event; count it."""

@@ -44,7 +44,7 @@ from tirgeo_ros.core.checks.stream_checks import Stream, lone_findings
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
 from tirgeo_ros.core.ground.backprojection import Ground
 from tirgeo_ros.core.map.vector_map import MapLayer
-from tirgeo_ros.core.overlay.map_renderer import DrapedMap, drape_layers
+from tirgeo_ros.core.overlay.map_shapes import DrapedMap, drape_layers
 from tirgeo_ros.core.streams.stamps import Arrivals
 from tirgeo_ros.core.types.errors import ConfigError, TirgeoError
 from tirgeo_ros.core.types.finding import Finding, sorted_findings

@@ -34,7 +34,8 @@ import cv2
 
 from tirgeo_ros.core.config import OverlayConfig
 from tirgeo_ros.core.ground.backprojection import Ground, Terrain
-from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene, Unpainted
+from tirgeo_ros.core.overlay.frame_shapes import Unpainted
+from tirgeo_ros.core.overlay.picture_painter import PicturePainter, Scene
 from tirgeo_ros.core.types.arrays import Array, Pixels, RawPixels
 from tirgeo_ros.core.types.errors import PictureError
 from tirgeo_ros.io.elevation.elevation_model import ground_of
@@ -79,7 +80,7 @@ class _Painter:
         if order.scene is not None:
             self._painter.set_scene(order.scene)
         result = self._painter.paint(order.picture)
-        outline_n = self._painter.footprint(result.pose) if order.with_outline else None
+        outline_n = self._painter.shaper.footprint(result.pose) if order.with_outline else None
         return result.image, outline_n
 
     def encoded(self, image: Pixels, outline_n: Array | None) -> Painted:

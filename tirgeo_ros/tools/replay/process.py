@@ -115,7 +115,9 @@ def process(
         setup = setup._replace(notes=[*setup.notes, *adjusted])
         begun_s = time.perf_counter()
         if setup.overlay is not None:
-            stage.begin(opened.configs.overlay, setup.overlay.painter.ground, keeps_images=wanted)
+            stage.begin(
+                opened.configs.overlay, setup.overlay.painter.shaper.ground, keeps_images=wanted
+            )
         files = (bag_out, video, progress, stage)
         poses = FlightPoses(
             opened.configs.ekf, opened.configs.gimbal, setup.topics.values(), adjustment=adjustment

@@ -32,8 +32,8 @@ from tirgeo_ros.core.gimbal.pose_buffer import Miss
 from tirgeo_ros.core.ground.frame_geometry import Sight
 from tirgeo_ros.core.ground.ground_point import Located
 from tirgeo_ros.core.navigation.estimator.track import Track
+from tirgeo_ros.core.overlay.frame_shapes import Unpainted
 from tirgeo_ros.core.overlay.overlay import Overlay
-from tirgeo_ros.core.overlay.picture_painter import Unpainted
 from tirgeo_ros.core.streams.stamps import RateLimit, exposure_ns
 from tirgeo_ros.core.types.poses import BodyPose
 from tirgeo_ros.io import messages as convert
@@ -239,7 +239,7 @@ class OverlayFilm:
         if camera is not None and pose is not None and plane is not None:
             body = body_at(pose.stamp_ns)
             aircraft = None if isinstance(body, Miss) else body
-            ground = self._overlay.painter.ground
+            ground = self._overlay.painter.shaper.ground
             sight = Sight(camera, pose, plane, ground, aircraft, picture.rates)
         return self._metadata.packet(exposure_ns(picture.stamp_ns, self._latency_s), sight)
 
@@ -318,8 +318,8 @@ class ProcessOutputs:
             self._poses.new_plane(plane, body.stamp_ns, now_ns)
             if self._overlay is not None:
                 self._overlay.set_plane(plane)
-                if self._overlay.map_given and self._overlay.painter.draped is not None:
-                    self._checks.map(self._overlay.painter.draped)
+                if self._overlay.map_given and self._overlay.painter.shaper.draped is not None:
+                    self._checks.map(self._overlay.painter.shaper.draped)
         if self._overlay is not None:
             for pose in registered.cameras:
                 self._overlay.poses.add(pose)

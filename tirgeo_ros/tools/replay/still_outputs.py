@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 
 from tirgeo_ros.core.frames.tangent_plane import TangentPlane
-from tirgeo_ros.core.overlay.picture_painter import Unpainted
+from tirgeo_ros.core.overlay.frame_shapes import Unpainted
 from tirgeo_ros.core.types.errors import BagError
 from tirgeo_ros.core.types.texts import utc
 from tirgeo_ros.io.bags.bag import BagReader

@@ -13,8 +13,9 @@
  * @property {number} number
  * @property {string} name
  * @property {string} kind
+ * @property {string} status
  * @property {string} note
- * @property {["name" | "kind" | "note", string][]} alternatives  field and text: to choose from
+ * @property {["name" | "kind" | "note" | "status", string][]} alternatives  field and text: to choose from
  * @property {string} aircraft
  * @property {string} created_ns
  * @property {number} latitude_deg
@@ -27,6 +28,8 @@
  * @property {number} clicks
  * @property {boolean} clicks_agree
  */
+
+import { PLAIN } from "./video/look_values.js";
 
 /** Holds values by name and tells listeners of changes. */
 export class Store {
@@ -75,6 +78,17 @@ export const store = new Store({
   aircraft: [],
   /** @type {string[]} */
   kinds: ["person", "fire", "vehicle", "hydrant", "building", "other"],
+  /** @type {Record<string, string>} */
+  colours: {}, // of each kind
+  statuses: ["new", "checked", "found", "dismissed"],
+  filter: { kinds: [], statuses: [] }, // of the list; none: all
+  large: "video", // which of video and map has the large place
+  /** @type {string[]} */
+  layersOff: [], // names of layers of the vector map, in the video as well
+  /** @type {string[]} */
+  mapOff: [], // the map's own layers that are off
+  /** @type {string[]} */
+  mapLayers: [], // names of the vector map's layers
   /** @type {{min: number, max: number, attribution: string} | null} */
   tiles: null,
   most: { name: 0, note: 0 }, // characters that the server takes
@@ -89,15 +103,35 @@ export const store = new Store({
   refine: null, // id of the target that the next press refines
   kind: "person", // of the next target
   still: false,
+  rewound: {}, // another object at each change of the still pictures
+  looking: false, // the panel of the picture is open
+  look: PLAIN, // of the picture
+  /** @type {string[]} */
+  labelsOff: [], // of layers whose labels it does not show
   tab: "targets",
   follow: true,
   measuring: false,
   theme: "dark",
+  language: "", // "": the browser's
+  units: "metres", // or "feet"
+  form: "decimal", // of coordinates: decimal, dms, mgrs, utm
   /** @type {string[]} */
   asked: [], // commands that wait for their answer
   sound: true,
   soundAllowed: false, // browsers allow sound after the first press
 });
+
+/**
+ * Takes a name out of a list of the store, or adds it.
+ * @param {"layersOff" | "labelsOff" | "mapOff"} list
+ * @param {string} name
+ */
+export function flip(list, name) {
+  /** @type {string[]} */
+  const names = store.get(list);
+  const others = names.filter((one) => one !== name);
+  store.set({ [list]: others.length < names.length ? others : [...names, name] });
+}
 
 /** @returns {any} the newest state of the selected aircraft, or null */
 export function currentState() {

@@ -3,7 +3,9 @@
 /** The banner, and the sound and vibration while a verdict is an alarm. */
 
 import { button, byId, element, icon, setText } from "../shell/dom.js";
+import { t } from "../shell/language.js";
 import { store } from "../store.js";
+import { aircraftWithVerdicts } from "./verdict.js";
 
 const REPEAT_MS = 4200; // also between two alarms; over 4 s even if a tone begins late
 const BEEPS_HZ = [880, 660, 880];
@@ -22,12 +24,12 @@ export function buildAlarm() {
   const words = element("strong", {});
   const hint = element("span", { class: "hint" });
   const more = element("p", {});
-  const details = element("details", {}, element("summary", { text: "more" }), more);
+  const details = element("details", {}, element("summary", { text: t("alarm.more") }), more);
   const hush = () => {
     silenced = new Set(alarms().map(({ key }) => key));
     update();
   };
-  const silence = button("mute", "Silence", hush, { label: "Silence this alarm" });
+  const silence = button("mute", t("alarm.silence"), hush, { label: t("alarm.silence_this") });
   const grow = element("div", { class: "grow" }, words, hint);
   byId("banner").append(icon("warning"), grow, details, silence);
   document.addEventListener("pointerdown", allowSound, { capture: true });
@@ -50,7 +52,7 @@ export function buildAlarm() {
 /** @returns {Shown[]} verdicts with a text, of all aircraft; a lost connection only once */
 function shown() {
   const { verdicts, aircraft } = store.values;
-  const all = aircraft.map((/** @type {import("../store.js").Aircraft} */ { id, name }) => {
+  const all = aircraftWithVerdicts().map(({ id, name }) => {
     const verdict = verdicts[id] ?? { text: "" };
     if (verdict.kind === "link") return { ...verdict, key: "link" };
     const text = aircraft.length > 1 && verdict.text ? `${name}: ${verdict.text}` : verdict.text;
@@ -63,9 +65,9 @@ const alarms = () => shown().filter(({ alarm }) => alarm);
 
 /** @param {boolean} sounding */
 function hintOf(sounding) {
-  if (!store.get("sound")) return "sound is off";
-  if (!sounding) return "silenced";
-  return store.get("soundAllowed") ? "" : "press anywhere for sound";
+  if (!store.get("sound")) return t("alarm.off");
+  if (!sounding) return t("alarm.silenced");
+  return store.get("soundAllowed") ? "" : t("alarm.press");
 }
 
 /** Sounds when an alarm begins and again while it lasts. @returns {boolean} whether one sounds */
@@ -83,12 +85,22 @@ function sound() {
 /** Allows sound: browsers require a press before. */
 function allowSound() {
   audio ??= new AudioContext();
-  if (audio.state === "suspended") audio.resume();
+  wake(audio);
   if (!store.get("soundAllowed")) store.set({ soundAllowed: true });
 }
 
+/**
+ * Lets sound go on: a tablet whose screen was off has interrupted it.
+ * @param {AudioContext} context
+ */
+function wake(context) {
+  if (context.state !== "running") context.resume().catch(() => {}); // at the next press or beep
+}
+
 export function beep() {
-  if (!audio || audio.state !== "running") return;
+  if (!audio) return;
+  wake(audio);
+  if (audio.state !== "running") return;
   BEEPS_HZ.forEach((hz, index) => tone(/** @type {AudioContext} */ (audio), hz, index * 0.22));
 }
 

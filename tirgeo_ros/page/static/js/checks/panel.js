@@ -3,6 +3,7 @@
 /** The checks: the findings with their remedies, and the numbers of the state. */
 
 import { byId, element, icon, setText } from "../shell/dom.js";
+import { t } from "../shell/language.js";
 import { age, capital, plain } from "../shell/words.js";
 import { currentState, store } from "../store.js";
 import { READINGS } from "./readings.js";
@@ -15,19 +16,17 @@ const NUMBERS = Object.values(READINGS);
 
 /** Builds the panel, and updates it with each state. */
 export function buildChecks() {
-  const top = element("header", { class: "list-head" }, element("h2", { text: "Checks" }));
+  const top = element(
+    "header",
+    { class: "list-head" },
+    element("h2", { text: t("checks.title") }),
+  );
   const findings = element("ol", { class: "findings" });
   const numbers = element("dl", { class: "numbers" });
   const ages = element("dl", { class: "numbers ages" });
-  byId("checks").append(
-    top,
-    findings,
-    numbers,
-    element("h3", { text: "Age of the newest" }),
-    ages,
-  );
+  byId("checks").append(top, findings, numbers, element("h3", { text: t("checks.ages") }), ages);
   const cells = NUMBERS.map(({ words }) => cell(numbers, words));
-  store.watch(["states", "verdicts", "current"], () => {
+  store.watch(["states", "verdicts", "current", "units"], () => {
     const state = currentState() ?? {};
     NUMBERS.forEach((number, index) =>
       set(cells[index], number.text(state), number.tone?.(state) ?? ""),
@@ -72,7 +71,7 @@ function showFindings(list, findings) {
     "li",
     { class: "finding", data: { tone: "good" } },
     icon("good"),
-    element("p", { text: "Nothing is wrong." }),
+    element("p", { text: t("checks.fine") }),
   );
   list.replaceChildren(...(findings.length ? findings.map(finding) : go ? [fine] : []));
 }

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The verdict on each aircraft: a fault that only this screen sees, else the server's. */
 
+import { said, t } from "../shell/language.js";
 import { store } from "../store.js";
 import { stageOf } from "../video/stages.js";
 
@@ -41,11 +42,15 @@ export function currentVerdict() {
   return store.get("verdicts")[store.get("current")] ?? UNKNOWN;
 }
 
+/** @returns {import("../store.js").Aircraft[]} before all are known, a nameless one without link */
+export function aircraftWithVerdicts() {
+  const { aircraft, link } = store.values;
+  return aircraft.length || link.phase !== "lost" ? aircraft : [{ id: "", name: "" }];
+}
+
 /** @param {number} stepMs  since the last look */
 function look(stepMs) {
-  const all = store
-    .get("aircraft")
-    .map((/** @type {any} */ { id }) => [id, verdictOn(id, stepMs)]);
+  const all = aircraftWithVerdicts().map(({ id }) => [id, verdictOn(id, stepMs)]);
   const verdicts = Object.fromEntries(all);
   if (JSON.stringify(verdicts) !== JSON.stringify(store.get("verdicts"))) store.set({ verdicts });
 }
@@ -55,12 +60,12 @@ function verdictOn(id, stepMs) {
   const { link, states } = store.values;
   const stateMs = silence(`state ${id}`, states[id], stepMs);
   const pictureMs = silence(`picture ${id}`, stageOf(id)?.watched, stepMs);
-  if (link.phase === "lost") return withoutLink(`lost, ${retryWords(link.retryAt)}`);
-  if (stateMs > STATE_MS) return withoutLink(`silent for ${(stateMs / 1000).toFixed(0)} s`);
+  if (link.phase === "lost") return withoutLink(retryWords(link.retryAt));
+  if (stateMs > STATE_MS) return withoutLink(t("verdict.silent", { seconds: seconds(stateMs) }));
   const state = states[id];
-  const verdict = state?.verdict ?? UNKNOWN;
+  const verdict = spoken(state?.verdict ?? UNKNOWN);
   if (verdict.tone === "bad" || !state || pictureMs <= NO_VIDEO_MS) return verdict;
-  const text = `No picture reaches this screen for ${(pictureMs / 1000).toFixed(0)} s`;
+  const text = t("verdict.no_picture", { seconds: seconds(pictureMs) });
   const more = `/video: ${stageOf(id)?.feed.phase}`;
   return { word: "NO VIDEO", tone: "bad", kind: "screen", text, more, alarm: true };
 }
@@ -74,14 +79,23 @@ function silence(key, value, stepMs) {
   return value === null ? 0 : now.ms;
 }
 
-/** @param {string} how @returns {Verdict} */
-function withoutLink(how) {
-  const text = `Connection ${how}`;
+/** @param {string} text @returns {Verdict} */
+function withoutLink(text) {
   return { word: "NO DATA", tone: "bad", kind: "link", text, more: "/state", alarm: true };
 }
 
 /** @param {number} retryAt */
 function retryWords(retryAt) {
-  const seconds = Math.max(0, Math.ceil((retryAt - performance.now()) / 1000));
-  return seconds ? `retrying in ${seconds} s` : "retrying";
+  const wait = Math.max(0, Math.ceil((retryAt - performance.now()) / 1000));
+  return wait ? t("verdict.lost", { seconds: wait }) : t("verdict.retrying");
+}
+
+/** @param {number} ms */
+function seconds(ms) {
+  return (ms / 1000).toFixed(0);
+}
+
+/** @param {Verdict} verdict @returns {Verdict} with its text in this screen's language */
+function spoken(verdict) {
+  return { ...verdict, text: said(verdict.text) };
 }

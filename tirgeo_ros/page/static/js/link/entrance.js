@@ -3,11 +3,8 @@
 /** The entrance: gives the server the token of the address bar, or asks for one. */
 
 import { byId, element } from "../shell/dom.js";
+import { said, t } from "../shell/language.js";
 import { capital } from "../shell/words.js";
-
-const WHERE =
-  "The terminal that started tirgeo shows a link and a code to scan. Each start makes " +
-  "new ones, unless a token is set.";
 
 /**
  * Resolves as soon as the server lets this browser in; until then it asks for the token.
@@ -27,7 +24,7 @@ async function refusalNow() {
     if (response.status === 429 || response.status >= 500) throw new Error("later");
     return response;
   });
-  return answer.ok ? "" : "This page needs a token.";
+  return answer.ok ? "" : t("entrance.needs_token");
 }
 
 /**
@@ -40,7 +37,7 @@ async function handOver(token) {
   const answer = await reach(() => fetch("/enter", { method: "POST", headers, body }));
   if (answer.ok) return "";
   const { reason = "wrong token" } = await answer.json().catch(() => ({}));
-  return capital(reason);
+  return capital(said(reason));
 }
 
 /**
@@ -66,21 +63,29 @@ function askForToken(refusal) {
   const dialog = byId("enter");
   const reason = element("h1", { text: refusal });
   const field = element("input", {
-    "aria-label": "Token or link",
+    "aria-label": t("entrance.field"),
     autocomplete: "off",
-    placeholder: "token, or the whole link",
+    placeholder: t("entrance.hint"),
     spellcheck: "false",
   });
-  const send = element("button", { class: "primary", text: "Enter" });
-  const form = element("form", {}, reason, element("p", { text: WHERE }), field, send);
+  const send = element("button", { class: "primary", text: t("entrance.enter") });
+  const form = element(
+    "form",
+    {},
+    reason,
+    element("p", { text: t("entrance.where") }),
+    field,
+    send,
+  );
   dialog.replaceChildren(form);
-  dialog.addEventListener("cancel", (/** @type {Event} */ event) => event.preventDefault());
+  dialog.onclose = () => dialog.showModal(); // by Escape, or by a tablet's own Back
   dialog.showModal();
   return new Promise((resolve) => {
     form.addEventListener("submit", async (/** @type {Event} */ event) => {
       event.preventDefault();
       reason.textContent = await handOver(tokenOf(field.value.trim()));
       if (reason.textContent) return;
+      dialog.onclose = null;
       dialog.close();
       resolve();
     });

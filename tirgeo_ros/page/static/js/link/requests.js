@@ -2,6 +2,8 @@
 // SPDX-License-Identifier: Apache-2.0
 /** Requests to the server and their answers, over connections that may be lost. */
 
+import { t } from "../shell/language.js";
+
 const ANSWER_MS = 10000; // a recording may take seconds to begin
 
 /**
@@ -51,10 +53,10 @@ export class Requests {
   dispatch(pending) {
     pending.sent = this.send(JSON.stringify(pending.message));
     if (pending.keep) return;
-    const reason = "no connection: press again when it is back";
+    const reason = t("link.none");
     if (!pending.sent) this.finish(pending, { ok: false, lost: true, reason });
     else {
-      const none = { ok: false, lost: true, reason: "no answer from the server" };
+      const none = { ok: false, lost: true, reason: t("link.no_answer") };
       pending.timer = setTimeout(() => this.finish(pending, none), ANSWER_MS);
     }
   }
@@ -82,7 +84,7 @@ export class Requests {
 
   /** Ends the requests that must not be sent again. */
   disconnected() {
-    const reason = "the connection was lost before the answer: check whether it was done";
+    const reason = t("link.lost");
     for (const pending of [...this.pending.values()]) {
       pending.again ||= pending.sent; // then its answer may be of that first time
       pending.sent = false;

@@ -4,6 +4,7 @@
 
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 8000;
+const OPEN_MS = 10_000; // a connection that took longer is of a network that was gone
 
 /**
  * @param {string} path
@@ -65,6 +66,13 @@ export class RetryingSocket {
     if (this.wanted) this.again();
   }
 
+  /** Opens another connection at once, if one is wanted and does not open already. */
+  renew() {
+    if (!this.wanted || this.socket?.readyState === WebSocket.CONNECTING) return;
+    this.drop();
+    this.connect();
+  }
+
   drop() {
     const socket = this.socket;
     this.socket = undefined;
@@ -78,7 +86,11 @@ export class RetryingSocket {
     const socket = new WebSocket(address(this.path));
     this.socket = socket;
     socket.binaryType = "arraybuffer";
-    socket.onopen = () => this.listeners.opened?.();
+    this.timer = setTimeout(() => this.restart(), OPEN_MS);
+    socket.onopen = () => {
+      clearTimeout(this.timer);
+      this.listeners.opened?.();
+    };
     socket.onmessage = ({ data }) => {
       this.failures = 0;
       this.listeners.received(data);

@@ -9,8 +9,9 @@ import { RetryingSocket } from "./retrying_socket.js";
 
 const SILENCE_MS = 1500; // then a request tests whether the server answers
 const DEAD_MS = 4500;
+const QUICK_MS = 900; // an entrance that takes longer had to wait for the server or for a token
 
-const socket = new RetryingSocket("/state", { received, lost });
+const socket = new RetryingSocket("/state", { opened, received, lost });
 const requests = new Requests((text) => {
   if (!socket.open || store.get("link").phase !== "open") return false;
   socket.send(text);
@@ -36,6 +37,10 @@ export function ask(type, fields, options) {
   return requests.ask(type, fields, options);
 }
 
+function opened() {
+  receivedAt = performance.now(); // the silence before was another connection's
+}
+
 /** @param {string} text */
 function received(text) {
   receivedAt = performance.now();
@@ -47,11 +52,12 @@ function received(text) {
 }
 
 /** @param {any} hello */
-function welcomed({ role, aircraft, kinds, tiles, most }) {
+function welcomed({ role, aircraft, kinds, colours, statuses, tiles, most }) {
   const kept = aircraft.some((/** @type {any} */ one) => one.id === store.get("current"));
   const current = kept ? store.get("current") : (aircraft[0]?.id ?? "");
   const link = { phase: "open", retryAt: 0 };
-  store.set({ role, aircraft, kinds, tiles, most, current, link });
+  const kind = kinds.includes(store.get("kind")) ? store.get("kind") : kinds[0]; // was remembered
+  store.set({ role, aircraft, kinds, kind, colours, statuses, tiles, most, current, link });
   requests.reconnected();
 }
 
@@ -81,9 +87,10 @@ function stateOf(message) {
 /** @param {number} retryAt */
 function lost(retryAt) {
   // A server that was started again may have other tokens: then the entrance asks for one.
+  const lostAt = performance.now();
   entering ??= enter().finally(() => {
     entering = null;
-    socket.retry();
+    if (performance.now() - lostAt > QUICK_MS) socket.retry(); // else the wait is for others
   });
   requests.disconnected();
   store.set({ link: { phase: "lost", retryAt }, states: {} });

@@ -5,6 +5,7 @@
 import { icon } from "../shell/dom.js";
 import { store } from "../store.js";
 import { lineStyle } from "./colours.js";
+import { isOff } from "./layers.js";
 import L from "./leaflet.js";
 
 const FREE_SHARE = 0.2;
@@ -35,9 +36,14 @@ class Shown {
     this.symbol.style.transform = `rotate(${state.heading_deg ?? 0}deg)`;
     this.symbol.classList.toggle("without-heading", state.heading_deg === null);
     this.symbol.classList.toggle("other", !isCurrent);
-    this.footprint.setLatLngs(state.footprint ?? []);
-    if (track.length !== this.points) this.track.setLatLngs(track);
-    this.points = track.length;
+    this.footprint.setLatLngs(isOff("footprint") ? [] : (state.footprint ?? []));
+    const points = isOff("track") ? [] : track;
+    if (points.length !== this.points) this.track.setLatLngs(points);
+    this.points = points.length;
+  }
+
+  remove() {
+    for (const layer of [this.track, this.footprint, this.marker]) layer.remove();
   }
 
   recolour() {
@@ -50,9 +56,15 @@ class Shown {
 export function buildAircraft(map) {
   /** @type {Map<string, Shown>} */
   const shown = new Map();
-  store.watch(["states", "current", "tracks"], () => {
-    const { states, tracks, current, follow } = store.values;
-    for (const { id, name } of store.get("aircraft")) {
+  store.watch(["aircraft", "states", "current", "tracks", "mapOff"], () => {
+    const { aircraft, states, tracks, current, follow } = store.values;
+    const there = aircraft.map((/** @type {import("../store.js").Aircraft} */ { id }) => id);
+    for (const [id, one] of shown) {
+      if (there.includes(id)) continue; // else a server that was started again has it no more
+      one.remove();
+      shown.delete(id);
+    }
+    for (const { id, name } of aircraft) {
       shown.get(id)?.symbol.classList.toggle("stale", !states[id]);
       if (!states[id]) continue;
       if (!shown.has(id)) shown.set(id, new Shown(map, name));

@@ -1,125 +1,179 @@
 // Copyright 2026 The tirgeo maintainers
 // SPDX-License-Identifier: Apache-2.0
-/** The lowest layers of the map: the vector map, its labels, and tiles, if any. */
+/** The lowest layers of the map: the vector map and tiles, if any, and words where there is none. */
 
 import { element, setText } from "../shell/dom.js";
+import { said, t } from "../shell/language.js";
 import { store } from "../store.js";
-import { featureStyle } from "./colours.js";
+import { styleOf } from "./colours.js";
+import { viewOf } from "./labels.js";
+import { isOff } from "./layers.js";
 import L from "./leaflet.js";
+import { meet, shapesOf, wholeBox } from "./shapes.js";
+import { buildVectorLayer } from "./vector_layer.js";
 
-const MOST_LABELS = 40;
+/** @typedef {import("./shapes.js").Shape} Shape */
+
 const LABELS_FROM_ZOOM = 17;
-const [LETTER_PX, LINE_PX] = [6.8, 17];
 const LEAST_PX = 30; // what is smaller on the screen gets no label
+const AGAIN_MS = 5000; // after a map that did not come
 
-/**
- * Draws the base, and updates it.
- * @param {any} map  Leaflet's
- * @param {() => void} ready  called when the vector map is there
- */
-export function buildBase(map, ready) {
-  const vector = L.geoJSON(null, {
-    style: featureStyle,
-    interactive: false,
-    pointToLayer: (/** @type {any} */ feature, /** @type {any} */ place) =>
-      L.circleMarker(place, featureStyle(feature)),
-  }).addTo(map);
-  const labels = L.layerGroup().addTo(map);
-  const simplified = element("small", { class: "map-simplified", role: "status" });
-  map.getContainer().append(simplified);
-  let loadedFor = /** @type {string | null} */ (null);
-  let tiles = /** @type {any} */ (null);
+/** The base of the map: what the server gave, and what of it is drawn. */
+export class Base {
+  /** @param {any} map  Leaflet's @param {() => void} ready  called when the vector map is there */
+  constructor(map, ready) {
+    this.map = map;
+    this.ready = ready;
+    this.vector = buildVectorLayer(map);
+    /** @type {Shape[]} */
+    this.shapes = [];
+    /** @type {Shape[]} */
+    this.shown = [];
+    this.phase = "loading"; // then "there" or "failed"
+    this.simplified = "";
+    this.taken = { current: "", text: /** @type {string | null} */ (null) }; // whose map it is
+    this.tiles = /** @type {any} */ (null);
+    this.words = element("small", { class: "map-words", role: "status" });
+    map.getContainer().append(this.words);
+    store.watch(["link", "current"], () => this.load());
+    store.watch(["theme", "layersOff"], () => this.show());
+    store.watch(["tiles", "mapOff"], () => this.setTiles());
+    store.watch(["targets", "tiles", "mapOff"], () => this.tell());
+    map.on("moveend", () => {
+      this.setTiles();
+      this.tell();
+    });
+  }
 
-  store.watch(["link", "current"], async () => {
-    if (store.get("link").phase !== "open") return;
-    const { current } = store.values;
-    if (loadedFor === current) return;
-    loadedFor = current;
-    if (await load(vector, current)) {
-      label(map, vector, labels);
-      setText(simplified, vector.simplified && `Map simplified: ${vector.simplified}`);
-      ready();
-    } else loadedFor = null;
-  });
-  store.watch(["theme"], () => vector.setStyle(featureStyle));
-  map.on("moveend", () => {
-    if (store.get("tiles") && !tiles) tiles = addTiles(map); // not before the map has a place
-    label(map, vector, labels);
-  });
-  return vector;
-}
+  /** Asks for the vector map of the selected aircraft, once in each connection. */
+  async load() {
+    const { current, link } = store.values;
+    if (link.phase === "lost") this.loadedFor = null; // a server started again may have another
+    if (link.phase !== "open" || this.loadedFor === current) return;
+    this.loadedFor = current;
+    if (this.tilesMissed) this.tiles?.redraw();
+    this.tilesMissed = false;
+    const before = this.taken.current === current ? this.taken.text : null;
+    const answer = await mapOf(current, before);
+    if (this.loadedFor !== current) return; // another one was selected meanwhile
+    this.phase = answer || before !== null ? "there" : "failed";
+    if (!answer) setTimeout(() => this.loadAgain(), AGAIN_MS);
+    else if (answer.text !== before) this.take(answer);
+    if (answer) this.taken = { current, text: answer.text };
+    this.tell();
+  }
 
-/**
- * Adds the tiles of an MBTiles file, below all lines; above its largest zoom they are enlarged.
- * @param {any} map @returns {any}
- */
-function addTiles(map) {
-  const { max, attribution } = store.get("tiles");
-  const { body } = new DOMParser().parseFromString(attribution, "text/html"); // often a link
-  map.getContainer().append(element("small", { class: "map-credit", text: body.textContent }));
-  const options = { maxNativeZoom: max, maxZoom: 22, className: "tiles" };
-  return L.tileLayer("/tiles/{z}/{x}/{y}", options).addTo(map);
-}
+  loadAgain() {
+    this.loadedFor = null;
+    this.load();
+  }
 
-/**
- * @param {any} vector
- * @param {string} aircraft
- * @returns {Promise<boolean>} whether the server answered; an aircraft may have an empty map
- */
-async function load(vector, aircraft) {
-  try {
-    const answer = await fetch(`/map/${encodeURIComponent(aircraft)}`);
-    const text = answer.ok ? await answer.text() : "";
-    vector.clearLayers();
-    const features = text ? JSON.parse(text) : null;
-    if (features) vector.addData(features);
-    vector.simplified = features?.simplified ?? "";
-    return answer.ok || answer.status === 404;
-  } catch {
-    return false; // requested again after the next reconnection
+  /** @param {any} answer */
+  take(answer) {
+    this.shapes = shapesOf(answer.collection, styleOf);
+    this.simplified = answer.collection?.simplified ?? "";
+    this.box = wholeBox(this.shapes);
+    store.set({ mapLayers: [...new Set(this.shapes.map(({ layer }) => layer))] });
+    this.show();
+    this.ready();
+  }
+
+  /** Draws the layers that are on. */
+  show() {
+    const off = store.get("layersOff");
+    this.shown = this.shapes.filter(({ layer }) => !off.includes(layer));
+    this.vector.show(this.shown);
+    this.tell();
+  }
+
+  /** Adds or removes the tiles of an MBTiles file, below all lines; not before there is a place. */
+  setTiles() {
+    if (!store.get("tiles") || !this.map._loaded) return;
+    this.tiles ??= tileLayer(this.map).on("tileerror", () => {
+      this.tilesMissed = true; // they are asked for again in the next connection
+    });
+    if (isOff("tiles")) this.tiles.remove();
+    else this.tiles.addTo(this.map);
+  }
+
+  /** Says what is left out, and why the map is empty where it is. */
+  tell() {
+    const less = this.simplified && t("map.simplified", { what: said(this.simplified) });
+    const targetsOff = isOff("targets") && store.get("targets").length;
+    const words = [this.whyEmpty(), less, targetsOff ? t("map.targets_off") : ""];
+    setText(this.words, words.filter(Boolean).join(" · "));
+  }
+
+  /** @returns {string} "" if something of the base is in view */
+  whyEmpty() {
+    if (this.phase === "loading") return t("map.loading");
+    if (this.phase === "failed") return t("map.failed");
+    if (store.get("tiles") && !isOff("tiles")) return "";
+    if (!this.box) return t("map.none");
+    if (!this.shown.length) return t("map.layers_off");
+    return meet(this.box, viewOf(this.map).box) ? "" : t("map.elsewhere");
+  }
+
+  /** @returns {any} bounds of the vector map, or null without one */
+  get bounds() {
+    if (!this.box) return null;
+    const [left, top, right, bottom] = this.box.map((one) => one * 256);
+    const corners = [L.point(left, bottom), L.point(right, top)];
+    return L.latLngBounds(corners.map((corner) => this.map.unproject(corner, 8)));
+  }
+
+  /** @returns {import("./labels.js").Source} the names of its features, where there is room */
+  get names() {
+    return { taken: () => [], labels: (view) => labelsOf(this.shown, view) };
   }
 }
 
 /**
- * Writes the names of features in view, as many as do not cover each other.
- * @param {any} map @param {any} vector @param {any} labels
+ * Returns the layer of the tiles; above their largest zoom they are enlarged.
+ * @param {any} map
  */
-function label(map, vector, labels) {
-  labels.clearLayers();
-  if (map.getZoom() < LABELS_FROM_ZOOM) return;
-  /** @type {any[]} */
-  const taken = [];
-  vector.eachLayer((/** @type {any} */ layer) => {
-    const name = layer.feature?.properties?.name;
-    if (!name || taken.length >= MOST_LABELS || !isLargeEnough(map, layer)) return;
-    const place = layer.getLatLng?.() ?? layer.getBounds().getCenter();
-    const box = boxOf(map.latLngToContainerPoint(place), String(name));
-    if (!map.getBounds().contains(place) || taken.some((other) => other.overlaps(box))) return;
-    taken.push(box);
-    labels.addLayer(labelAt(place, String(name)));
-  });
+function tileLayer(map) {
+  const { max, attribution } = store.get("tiles");
+  const { body } = new DOMParser().parseFromString(attribution, "text/html"); // often a link
+  map.getContainer().append(element("small", { class: "map-credit", text: body.textContent }));
+  const options = { maxNativeZoom: max, maxZoom: 22, className: "tiles" };
+  return L.tileLayer("/tiles/{z}/{x}/{y}", options);
 }
 
-/** @param {any} map @param {any} layer @returns {boolean} for a label; points only if near */
-function isLargeEnough(map, layer) {
-  if (layer.getLatLng) return map.getZoom() > LABELS_FROM_ZOOM + 1;
-  const { min, max } = L.bounds(
-    [layer.getBounds().getNorthWest(), layer.getBounds().getSouthEast()].map((corner) =>
-      map.latLngToContainerPoint(corner),
-    ),
-  );
-  return Math.max(max.x - min.x, max.y - min.y) >= LEAST_PX;
+/**
+ * @param {string} aircraft
+ * @param {string | null} before  the text that is known, which is not read again
+ * @returns {Promise<{text: string, collection: any} | null>} null if it did not come; an aircraft
+ *   may have no map
+ */
+async function mapOf(aircraft, before) {
+  try {
+    const answer = await fetch(`/map/${encodeURIComponent(aircraft)}`);
+    const text = answer.ok ? await answer.text() : "";
+    if (!answer.ok && answer.status !== 404) return null;
+    return { text, collection: text && text !== before ? JSON.parse(text) : null };
+  } catch {
+    return null;
+  }
 }
 
-/** @param {{x: number, y: number}} middle @param {string} name @returns {any} on the screen */
-function boxOf({ x, y }, name) {
-  const [wide, high] = [(name.length * LETTER_PX) / 2 + 4, LINE_PX / 2];
-  return L.bounds([x - wide, y - high], [x + wide, y + high]);
+/**
+ * @param {Shape[]} shapes @param {import("./labels.js").View} view
+ * @returns {import("./labels.js").Label[]}
+ */
+function labelsOf(shapes, view) {
+  if (view.zoom < LABELS_FROM_ZOOM) return [];
+  const off = store.get("labelsOff") ?? [];
+  return shapes
+    .filter((shape) => shape.name && meet(shape.box, view.box) && isLargeEnough(shape, view.zoom))
+    .filter(({ layer }) => !off.includes(layer))
+    .map(({ name: text, box }) => {
+      return { text, x: (box[0] + box[2]) / 2, y: (box[1] + box[3]) / 2, below: 0, look: "" };
+    });
 }
 
-/** @param {any} place @param {string} name */
-function labelAt(place, name) {
-  const html = element("span", { text: name });
-  const symbol = L.divIcon({ className: "map-label", html, iconSize: [0, 0] });
-  return L.marker(place, { icon: symbol, interactive: false, keyboard: false });
+/** @param {Shape} shape @param {number} zoom @returns {boolean} for a label; points only if near */
+function isLargeEnough({ form, box }, zoom) {
+  if (form === "point") return zoom > LABELS_FROM_ZOOM + 1;
+  return Math.max(box[2] - box[0], box[3] - box[1]) * 2 ** zoom >= LEAST_PX;
 }

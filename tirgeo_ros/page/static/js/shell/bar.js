@@ -7,6 +7,8 @@ import { currentVerdict } from "../checks/verdict.js";
 import { currentState, store } from "../store.js";
 import { mark, record, share, sharingWords } from "./commands.js";
 import { button, byId, element, setIcon, setText } from "./dom.js";
+import { openHelp } from "./help.js";
+import { said, t } from "./language.js";
 import { openMenu } from "./menu.js";
 import { changeTheme } from "./settings.js";
 
@@ -20,15 +22,16 @@ export function buildBar() {
     readings(),
     role(),
     recordButton(),
-    button("mark", "Mark", mark, {
+    button("mark", t("bar.mark"), mark, {
       id: "mark",
       class: "operator-only wide-only",
-      label: "Mark this moment",
+      label: t("bar.mark_moment"),
     }),
     shareButton(),
     nightButton(),
     soundButton(),
-    button("menu", "", openMenu, { id: "menu-button", label: "Menu" }),
+    button("", "?", openHelp, { id: "help-button", label: t("help.title") }),
+    button("menu", "", openMenu, { id: "menu-button", label: t("menu.title") }),
   );
   store.watch(["role"], () => {
     document.body.dataset.role = store.get("role");
@@ -39,33 +42,42 @@ export function buildBar() {
 function verdictButton() {
   const node = button("", "–", () => store.set({ tab: "checks" }), {
     id: "verdict",
-    title: "Show the checks",
+    title: t("bar.show_checks"),
   });
   store.watch(["verdicts", "current"], () => {
     const { tone, word } = currentVerdict();
     node.dataset.tone = tone;
-    setText(node.querySelector(".words"), word);
+    setText(node.querySelector(".words"), said(word));
   });
   return node;
 }
 
 /** @returns {HTMLElement} selects the aircraft, if there are several */
 function aircraftSwitch() {
-  const holder = element("div", { id: "aircraft", role: "radiogroup", "aria-label": "Aircraft" });
-  store.watch(["aircraft", "current"], () => {
-    const { aircraft, current } = store.values;
+  const holder = element("div", {
+    id: "aircraft",
+    role: "radiogroup",
+    "aria-label": t("bar.aircraft"),
+  });
+  store.watch(["aircraft"], () => {
+    const { aircraft } = store.values;
     holder.hidden = aircraft.length < 2;
     holder.replaceChildren(
       ...aircraft.map((/** @type {import("../store.js").Aircraft} */ { id, name }) =>
         element("button", {
           type: "button",
           role: "radio",
-          "aria-checked": String(id === current),
           text: name || id,
+          data: { aircraft: id },
           on: { click: () => store.set({ current: id, still: false }) },
         }),
       ),
     );
+  });
+  store.watch(["aircraft", "current"], () => {
+    for (const one of holder.children) {
+      one.setAttribute("aria-checked", String(one.dataset.aircraft === store.get("current")));
+    }
   });
   return holder;
 }
@@ -76,37 +88,47 @@ function readings() {
   const cells = SHOWN.map(({ words }, index) =>
     element("span", {}, element("small", { text: words }), values[index]),
   );
-  store.watch(["states", "current"], () => {
+  store.watch(["states", "current", "units"], () => {
     const state = currentState() ?? {};
     SHOWN.forEach(({ text, tone }, index) => {
       setText(values[index], text(state));
       values[index].dataset.tone = tone?.(state) ?? "";
     });
   });
-  return element("div", { id: "readings" }, ...cells);
+  const node = element("div", { id: "readings" }, ...cells);
+  new ResizeObserver(() => leaveRoom(node)).observe(node);
+  return node;
+}
+
+/** Tells the style sheet where the numbers are: the banner lies over them. @param {Element} node */
+function leaveRoom(node) {
+  const { left, right } = node.getBoundingClientRect();
+  const { style, clientWidth } = document.documentElement;
+  style.setProperty("--readings-left", `${left}px`);
+  style.setProperty("--readings-right", `${clientWidth - right}px`);
 }
 
 /** @returns {HTMLElement} */
 function role() {
-  return element("span", { class: "viewer-only role", text: "Viewer" });
+  return element("span", { class: "viewer-only role", text: t("bar.viewer") });
 }
 
 /** @returns {HTMLElement} */
 function recordButton() {
-  const node = button("record", "Record", record, { id: "record", class: "operator-only" });
+  const node = button("record", t("bar.record"), record, { id: "record", class: "operator-only" });
   store.watch(["states", "current", "asked"], () => {
     const on = Boolean(currentState()?.recording);
-    showCommand(node, "record", on, on ? "REC" : "Record");
+    showCommand(node, "record", on, on ? t("bar.recording") : t("bar.record"));
   });
   return node;
 }
 
 /** @returns {HTMLElement} */
 function shareButton() {
-  const node = button("share", "Share", share, {
+  const node = button("share", t("bar.share"), share, {
     id: "share",
     class: "operator-only wide-only",
-    title: "Share the targets with the team, by Cursor-on-Target",
+    title: t("bar.share_more"),
   });
   store.watch(["states", "current", "asked"], () => {
     const { tone, words } = sharingWords(currentState()?.sharing);
@@ -125,7 +147,7 @@ function showCommand(node, type, on, words) {
   node.setAttribute("aria-pressed", String(on));
   node.setAttribute("aria-busy", String(waits));
   node.setAttribute("aria-disabled", String(waits));
-  setText(node.querySelector(".words"), waits ? "Wait…" : words);
+  setText(node.querySelector(".words"), waits ? t("bar.wait") : words);
 }
 
 /** @returns {HTMLElement} */
@@ -133,7 +155,7 @@ function nightButton() {
   const node = button("night", "", changeTheme, {
     id: "night",
     class: "wide-only",
-    label: "Red night mode",
+    label: t("bar.night"),
   });
   store.watch(["theme"], () =>
     node.setAttribute("aria-pressed", String(store.get("theme") === "red")),
@@ -145,16 +167,13 @@ function nightButton() {
 function soundButton() {
   const node = button("sound", "", () => store.set({ sound: !store.get("sound") }), {
     id: "sound",
-    label: "Alarm sound",
+    label: t("bar.sound"),
   });
   store.watch(["sound"], () => {
     const on = store.get("sound");
     setIcon(node, on ? "sound" : "mute");
     node.setAttribute("aria-pressed", String(on));
-    node.setAttribute(
-      "aria-label",
-      on ? "Alarm sound is on: silence it" : "Alarm sound is off: switch it on",
-    );
+    node.setAttribute("aria-label", on ? t("bar.sound_on") : t("bar.sound_off"));
   });
   return node;
 }

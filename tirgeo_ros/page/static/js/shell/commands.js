@@ -4,6 +4,7 @@
 
 import { ask } from "../link/state_link.js";
 import { currentState, mayChange, store } from "../store.js";
+import { said, t } from "./language.js";
 import { toast } from "./toast.js";
 import { capital } from "./words.js";
 
@@ -18,8 +19,8 @@ async function command(type, fields, done) {
   store.set({ asked: [...asked, type] });
   const answer = await ask(type, fields);
   store.set({ asked: store.get("asked").filter((/** @type {string} */ one) => one !== type) });
-  if (answer.ok) toast(capital(answer.text || done), { milliseconds: 4000 });
-  else toast(`Not done: ${answer.reason}`, { tone: "bad" });
+  if (answer.ok) toast(capital(answer.text ? said(answer.text) : done), { milliseconds: 4000 });
+  else toast(t("command.refused", { reason: said(answer.reason ?? "") }), { tone: "bad" });
 }
 
 export function record() {
@@ -27,18 +28,18 @@ export function record() {
   return command(
     "record",
     { aircraft: store.get("current"), on },
-    on ? "recording" : "recording ended",
+    on ? t("command.recording") : t("command.recorded"),
   );
 }
 
 /** Marks a moment: the server knows the time, this tablet's clock may be wrong. */
 export function mark() {
-  return command("mark", { text: "mark" }, "moment marked");
+  return command("mark", { text: "mark" }, t("command.marked"));
 }
 
 export function share() {
   const on = !currentState()?.sharing?.on;
-  return command("share", { on }, on ? "sharing with the team" : "sharing ended");
+  return command("share", { on }, on ? t("command.sharing") : t("command.shared"));
 }
 
 /**
@@ -46,7 +47,10 @@ export function share() {
  * @returns {{tone: string, words: string}}
  */
 export function sharingWords(sharing) {
-  if (!sharing?.on) return { tone: "", words: "Share" };
-  if (sharing.connected) return { tone: "good", words: "Shared" };
-  return { tone: "caution", words: sharing.queued ? `${sharing.queued} wait` : "No server" };
+  if (!sharing?.on) return { tone: "", words: t("bar.share") };
+  if (sharing.connected) return { tone: "good", words: t("bar.shared") };
+  return {
+    tone: "caution",
+    words: sharing.queued ? t("bar.queued", { count: sharing.queued }) : t("bar.no_server"),
+  };
 }

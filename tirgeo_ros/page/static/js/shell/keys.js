@@ -2,68 +2,75 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The keyboard. */
 
+import { swap } from "../map/moving_map.js";
 import { store } from "../store.js";
 import { undo } from "../targets/changes.js";
+import { rewind } from "../video/rewind.js";
 import { stageOf } from "../video/stages.js";
 import { mark, record } from "./commands.js";
+import { openHelp } from "./help.js";
 import { changeTheme } from "./settings.js";
 
 const STEP_PX = 8;
+const OF_THE_MAP = ["Enter", "+", "-"]; // and the arrows: Leaflet takes them on the map
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
-
-/** What the menu lists. */
-export const KEYS = [
-  ["1 to 6", "kind of the next target"],
-  ["arrows, Enter", "move a cross over the video, press there (Shift: fine steps)"],
-  ["Space", "still picture, live picture"],
-  ["+ and −", "zoom the video"],
-  ["M", "mark this moment"],
-  ["R", "record on and off"],
-  ["N", "red night colours"],
-  ["Ctrl+Z", "undo the last change"],
-  ["Esc", "close, cancel"],
-];
+const REPEATED = [...Object.keys(ARROWS), ...",.<>;:+-"]; // while one is held down
 
 /** Listens to keys that no field takes. */
 export function listenToKeys() {
   document.addEventListener("keydown", (event) => {
-    const typing = /** @type {HTMLElement} */ (event.target).closest(
-      "input, textarea, dialog, #map",
-    );
-    if (typing || event.altKey || event.metaKey) return;
+    const target = /** @type {HTMLElement} */ (event.target);
+    const typing = target.closest("input:not([type=range]), textarea, dialog");
+    const onMap = target.closest("#map") && [...OF_THE_MAP, ...Object.keys(ARROWS)];
+    if (typing || onMap?.includes(event.key) || event.altKey || event.metaKey) return;
     const run = event.ctrlKey ? withControl(event) : commandOf(event);
     if (!run) return;
     event.preventDefault();
-    run();
+    if (!event.repeat || REPEATED.includes(event.key)) run();
   });
 }
 
 /** @param {KeyboardEvent} event @returns {(() => unknown) | undefined} */
 function withControl(event) {
-  return event.key === "z" ? undo : undefined;
+  return letter(event) === "z" && !event.shiftKey ? undo : undefined;
+}
+
+/** @param {KeyboardEvent} event @returns {string} the key, a letter small also with Caps Lock */
+function letter({ key }) {
+  return key.length === 1 ? key.toLowerCase() : key;
 }
 
 /** @param {KeyboardEvent} event @returns {(() => unknown) | undefined} */
 function commandOf(event) {
-  const { key } = event;
+  const key = letter(event);
   const kind = store.get("kinds")[Number(key) - 1];
   if (kind) return () => store.set({ kind });
   const onButton = /** @type {HTMLElement} */ (event.target).closest("button, a, summary");
   if (onButton && (key === "Enter" || key === " ")) return undefined; // the button takes it
   const scrolls = /** @type {HTMLElement} */ (event.target).matches("#panel:focus-visible");
   if (scrolls && (key in ARROWS || key === " ")) return undefined;
+  const slides = /** @type {HTMLElement} */ (event.target).matches("input");
+  if (slides && key in ARROWS) return undefined;
   const stage = stageOf(store.get("current"));
   const step = event.shiftKey ? 1 : STEP_PX;
   if (key in ARROWS) return () => moveCursor(stage, /** @type {any} */ (ARROWS)[key], step);
   return {
     Enter: () => pressAtCursor(stage),
     " ": () => store.set({ still: !store.get("still") }),
+    ",": () => rewind(-1),
+    ".": () => rewind(1),
+    "<": () => rewind(-1, true), // Shift and a comma in English,
+    ">": () => rewind(1, true),
+    ";": () => rewind(-1, true), // and in German and Spanish
+    ":": () => rewind(1, true),
     "+": () => stage?.zoom(1.5),
     "-": () => stage?.zoom(1 / 1.5),
     m: mark,
     r: record,
+    s: swap,
     n: changeTheme,
-    Escape: () => store.set({ refine: null, measuring: false, selected: null }),
+    "?": openHelp,
+    Escape: () => store.set({ refine: null, measuring: false, selected: null, looking: false }),
   }[key];
 }
 

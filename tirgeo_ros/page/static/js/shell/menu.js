@@ -5,15 +5,17 @@
 import { beep } from "../checks/alarm.js";
 import { store } from "../store.js";
 import { undo } from "../targets/changes.js";
+import { FORMS } from "../targets/coordinates.js";
 import { mark, share } from "./commands.js";
+import { openDialog } from "./dialog.js";
 import { button, byId, element } from "./dom.js";
-import { KEYS } from "./keys.js";
+import { LANGUAGES, language, t } from "./language.js";
 import { changeTheme } from "./settings.js";
+
+const UNITS = { metres: t("menu.metres"), feet: t("menu.feet") };
 
 /** Opens the menu. */
 export function openMenu() {
-  const menu = byId("menu");
-  const close = () => menu.close();
   const item = (
     /** @type {string} */ symbol,
     /** @type {string} */ words,
@@ -24,49 +26,49 @@ export function openMenu() {
       symbol,
       words,
       () => {
-        close();
+        byId("menu").close();
         run();
       },
       { class: operator ? "operator-only" : "" },
     );
-  const head = element(
-    "header",
-    { class: "list-head" },
-    element("h2", { class: "grow", text: "Menu" }),
-    button("close", "", close, { label: "Close", class: "plain" }),
-  );
-  const { theme, sound } = store.values;
-  menu.replaceChildren(
-    head,
+  const { theme, sound, units, form } = store.values;
+  openDialog(
+    "menu",
+    t("menu.title"),
     element(
       "div",
       { class: "items" },
-      item("undo", "Undo the last change", undo, true),
-      item("mark", "Mark this moment", mark, true),
-      item("share", "Share with the team, or end it", share, true),
-      item("night", theme === "red" ? "Dark colours" : "Red night colours", changeTheme),
-      item(sound ? "mute" : "sound", sound ? "Silence the alarm" : "Switch the alarm on", () =>
+      item("undo", t("menu.undo"), undo, true),
+      item("mark", t("bar.mark_moment"), mark, true),
+      item("share", t("menu.share"), share, true),
+      item("night", theme === "red" ? t("menu.dark") : t("menu.red"), changeTheme),
+      item(sound ? "mute" : "sound", sound ? t("menu.silence") : t("menu.sound"), () =>
         store.set({ sound: !sound }),
       ),
-      item("sound", "Try the alarm", beep),
+      item("sound", t("menu.try"), beep),
     ),
-    keyList(),
+    choice("units", t("menu.units"), UNITS, units),
+    choice("form", t("menu.form"), FORMS, form),
+    choice("language", t("menu.language"), LANGUAGES, language, () => location.reload()),
   );
-  menu.addEventListener("click", (/** @type {Event} */ event) => {
-    if (event.target === menu) close(); // beside it
-  });
-  menu.showModal();
 }
 
-/** @returns {HTMLElement} */
-function keyList() {
-  const rows = KEYS.map(([key, words]) =>
-    element("div", {}, element("dt", { text: key }), element("dd", { text: words })),
+/**
+ * @param {string} name  of the setting in the store
+ * @param {string} words
+ * @param {Record<string, string>} options  words by value
+ * @param {string} value  the one chosen now
+ * @param {() => void} then  called after a change
+ * @returns {HTMLElement}
+ */
+function choice(name, words, options, value, then = () => {}) {
+  const all = Object.entries(options).map(([key, text]) =>
+    element("option", { value: key, text, selected: key === value }),
   );
-  return element(
-    "details",
-    { class: "keys" },
-    element("summary", { text: "Keys" }),
-    element("dl", {}, ...rows),
-  );
+  const change = (/** @type {any} */ { target }) => {
+    store.set({ [name]: target.value });
+    then();
+  };
+  const field = element("select", { on: { change }, data: { setting: name } }, ...all);
+  return element("label", { class: "setting" }, element("span", { text: words }), field);
 }

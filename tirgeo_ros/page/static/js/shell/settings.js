@@ -1,15 +1,29 @@
 // Copyright 2026 The tirgeo maintainers
 // SPDX-License-Identifier: Apache-2.0
-/** What this device remembers: theme, sound, kind. The night mode is red. */
+/** What this device remembers: theme, sound, kind, language, units, the picture. Night is red. */
 
 import { store } from "../store.js";
 
-const KEPT = ["theme", "sound", "kind"];
+const KEPT = [
+  "theme",
+  "sound",
+  "kind",
+  "language",
+  "units",
+  "form",
+  "filter",
+  "large",
+  "look",
+  "layersOff",
+  "labelsOff",
+  "mapOff",
+];
 const PLACE = "tirgeo";
 
 /** Loads the kept settings, and keeps each change. */
 export function keepSettings() {
-  store.set(kept());
+  const settings = keptSettings();
+  store.set(Object.fromEntries(KEPT.map((name) => [name, like(store.get(name), settings[name])])));
   store.watch(["theme"], () => {
     document.documentElement.dataset.theme = store.get("theme");
   });
@@ -23,8 +37,19 @@ export function keepSettings() {
   });
 }
 
-/** @returns {Record<string, any>} */
-function kept() {
+/**
+ * Returns what was kept as far as it has the form of the default, else the default: another version
+ * may have kept it.
+ * @param {any} usual @param {any} kept @returns {any}
+ */
+function like(usual, kept) {
+  if (Array.isArray(usual)) return Array.isArray(kept) ? kept.map(String) : usual;
+  if (typeof usual !== "object") return typeof kept === typeof usual ? kept : usual;
+  return Object.fromEntries(Object.keys(usual).map((key) => [key, like(usual[key], kept?.[key])]));
+}
+
+/** @returns {Record<string, any>} what was kept, by name */
+export function keptSettings() {
   try {
     const saved = JSON.parse(localStorage.getItem(PLACE) ?? "{}");
     return Object.fromEntries(

@@ -5,11 +5,12 @@
 import { currentVerdict } from "../checks/verdict.js";
 import { currentState, store } from "../store.js";
 import { button, byId, element, setText } from "./dom.js";
+import { t } from "./language.js";
 
 const TABS = [
-  ["targets", "other", "Targets"],
-  ["map", "map", "Map"],
-  ["checks", "checks", "Checks"],
+  ["targets", "other", t("tabs.targets")],
+  ["map", "map", t("page.map")],
+  ["checks", "checks", t("checks.title")],
 ];
 
 /** Builds the tabs, and shows the chosen part. */

@@ -3,6 +3,7 @@
 /** A line at the foot of the page for some seconds, with a big button where one helps. */
 
 import { button, byId, element, hideAfter } from "./dom.js";
+import { t } from "./language.js";
 
 /**
  * @param {string} words
@@ -25,7 +26,7 @@ export function toast(words, { tone = "good", action, milliseconds = 8000 } = {}
         { class: "primary" },
       )
     : null;
-  const close = button("close", "", hide, { label: "Close", class: "plain" });
+  const close = button("close", "", hide, { label: t("shell.close"), class: "plain" });
   holder.replaceChildren(
     element("span", { class: "grow", text: words }),
     ...[act, close].filter(Boolean),

@@ -2,7 +2,13 @@
 // SPDX-License-Identifier: Apache-2.0
 /** Writes numbers as people read them. Unknown values (null) become a dash, never NaN. */
 
+import { store } from "../store.js";
+import { language, said, t } from "./language.js";
+
 export const UNKNOWN = "–";
+export const FOOT_M = 0.3048;
+const MILE_FT = 5280;
+const KNOT_M_S = 1852 / 3600;
 
 /**
  * @param {number | null | undefined} value
@@ -27,16 +33,53 @@ export function bearing(degrees) {
   return `${String(Math.round(((degrees % 360) + 360) % 360) % 360).padStart(3, "0")}°`;
 }
 
-/** @param {number | null | undefined} metres */
-export function distance(metres) {
-  if (!known(metres)) return UNKNOWN;
-  if (metres >= 10000) return `${(metres / 1000).toFixed(1)} km`;
-  return metres >= 100 ? `${metres.toFixed(0)} m` : `${metres.toFixed(1)} m`;
+/** @returns {boolean} whether this screen writes feet and knots */
+export function inFeet() {
+  return store.get("units") === "feet";
 }
 
-/** @param {number} metres @returns {string} with fewer digits for large sizes */
+/**
+ * @param {number | null | undefined} metres
+ * @param {number} digits  of metres; feet have one less
+ */
+export function length(metres, digits) {
+  if (!inFeet() || !known(metres)) return quantity(metres, digits, "m");
+  return quantity(metres / FOOT_M, Math.max(digits - 1, 0), "ft");
+}
+
+/**
+ * Writes the lengths in a text of the server, as "40 m above ground", in this screen's units.
+ * @param {string} text
+ */
+export function inUnits(text) {
+  if (!inFeet()) return text;
+  return text.replace(/(\d+(?:\.\d+)?) m\b(?!\/)/g, (_, metres) => length(Number(metres), 1));
+}
+
+/** @param {number | null | undefined} metresPerSecond */
+export function speed(metresPerSecond) {
+  if (!inFeet() || !known(metresPerSecond)) return quantity(metresPerSecond, 1, "m/s");
+  return quantity(metresPerSecond / KNOT_M_S, 1, "kn");
+}
+
+/** @param {number | null | undefined} metres  e.g. "45.1 m", "320 m", "12.0 km" */
+export function distance(metres) {
+  if (!known(metres)) return UNKNOWN;
+  const [small, large, ratio] = inFeet() ? ["ft", "mi", MILE_FT] : ["m", "km", 1000];
+  const value = inFeet() ? metres / FOOT_M : metres;
+  if (value >= 10 * ratio) return quantity(value / ratio, 1, large);
+  return quantity(value, value >= 100 ? 0 : 1, small);
+}
+
+/** @param {number} metres @returns {string} without unit, with fewer digits for large sizes */
 function size(metres) {
-  return metres >= 10 ? metres.toFixed(0) : metres.toFixed(1);
+  const value = inFeet() ? metres / FOOT_M : metres;
+  return value.toFixed(value >= 10 ? 0 : 1);
+}
+
+/** @param {Record<string, string>} coordinates @returns {string} in the form of this screen */
+export function coordinate(coordinates) {
+  return coordinates[store.get("form")] || coordinates.decimal;
 }
 
 /**
@@ -45,8 +88,8 @@ function size(metres) {
  */
 export function ellipse(ellipse) {
   if (!ellipse || !known(ellipse.major_m)) return UNKNOWN;
-  const axes = `${size(ellipse.major_m)} x ${size(ellipse.minor_m)} m`;
-  return `${axes} at ${ellipse.azimuth_deg.toFixed(0)}°`;
+  const axes = `${size(ellipse.major_m)} x ${size(ellipse.minor_m)} ${inFeet() ? "ft" : "m"}`;
+  return t("words.at", { size: axes, bearing: `${ellipse.azimuth_deg.toFixed(0)}°` });
 }
 
 /** @param {string | number | null | undefined} ns  time since 1970 as "14:03:27" of this place */
@@ -61,7 +104,7 @@ export function dateAndTime(ns) {
   const ms = Number(ns) / 1e6;
   if (!ns || !Number.isFinite(ms)) return UNKNOWN;
   const utc = new Date(ms).toISOString().slice(11, 19);
-  return `${new Date(ms).toLocaleString("en-GB")} (${utc} UTC)`;
+  return `${new Date(ms).toLocaleString(language === "en" ? "en-GB" : language)} (${utc} UTC)`;
 }
 
 /** @param {number | null | undefined} seconds  e.g. "0.05 s", "12 s", "3 min" */
@@ -78,10 +121,10 @@ export function capital(text) {
 
 /** @param {string | null | undefined} state  e.g. "dead_reckoning" as "dead reckoning" */
 export function plain(state) {
-  return state ? state.replaceAll("_", " ") : UNKNOWN;
+  return state ? said(state.replaceAll("_", " ")) : UNKNOWN;
 }
 
 /** @param {{name: string, kind: string}} target  what it is called: its name, or its kind */
 export function called(target) {
-  return target.name || capital(target.kind);
+  return target.name || capital(said(target.kind));
 }

@@ -3,27 +3,42 @@
 /** The card of one target: all its data, and the commands for it. */
 
 import { button, byId, element, setText } from "../shell/dom.js";
-import { called, dateAndTime, ellipse, quantity } from "../shell/words.js";
-import { store, targetOf } from "../store.js";
-import { baseOf, dropDraft, draftOf, edit, leaveOut, remove, shownOf } from "./changes.js";
+import { t } from "../shell/language.js";
+import { toast } from "../shell/toast.js";
+import { called, dateAndTime, ellipse, length } from "../shell/words.js";
+import { mayChange, store, targetOf } from "../store.js";
+import { baseOf, draftOf, edit, leaveOut, remove, shownOf } from "./changes.js";
 import { coordinateRows } from "./coordinates.js";
-import { badge, kindButton } from "./symbols.js";
+import { mergePart } from "./merging.js";
+import { badge, kindButton, showChosen, statusButton } from "./symbols.js";
 
 /** @typedef {import("../store.js").Target} Target */
+
+const FIELDS = {
+  name: t("card.name"),
+  kind: t("card.kind"),
+  note: t("card.note"),
+  status: t("card.status"),
+};
 
 /** Builds the card's holder, and fills it each time a target is selected. */
 export function buildCard() {
   const holder = element("div", { id: "target-card", hidden: true });
   byId("targets").append(holder);
   let update = () => {};
+  let number = 0; // of the target
   store.watch(["selected"], () => {
     const target = targetOf(store.get("selected"));
     holder.hidden = !target;
+    number = target?.number ?? 0;
     update = target ? fill(holder, target) : () => {};
     update();
   });
-  store.watch(["targets", "drafts", "link", "role"], () => {
-    if (store.get("selected") && !targetOf(store.get("selected"))) {
+  store.watch(["targets", "drafts", "link", "role", "units", "form"], () => {
+    const { selected, refine } = store.values;
+    if (refine && !targetOf(refine)) store.set({ refine: null }); // also if it comes back
+    if (selected && !targetOf(selected)) {
+      toast(t("card.gone", { number }), { tone: "bad" });
       /** @type {HTMLElement} */ (document.activeElement).blur(); // sends a text being typed
       store.set({ selected: null });
     }
@@ -39,8 +54,8 @@ export function buildCard() {
  */
 function fill(holder, first) {
   const now = () => targetOf(first.id) ?? first;
-  const own = [head(now), kindButtons(now), texts(now), choices(now)];
-  const parts = [...own, place(now), pictures(now), actions(now)];
+  const own = [head(now), statusButtons(now), kindButtons(now), texts(now), choices(now)];
+  const parts = [...own, place(now), pictures(now), actions(now), mergePart(now)];
   holder.replaceChildren(...parts.map((part) => part.node));
   byId("panel").scrollTo(0, 0);
   return () => parts.forEach((part) => part.update());
@@ -52,7 +67,9 @@ function fill(holder, first) {
 function head(now) {
   const title = element("h2", { class: "grow" });
   const holder = element("span", {});
-  const back = button("back", "List", () => store.set({ selected: null }), { class: "plain" });
+  const back = button("back", t("card.list"), () => store.set({ selected: null }), {
+    class: "plain",
+  });
   const update = () => {
     const shown = { ...now(), ...draftOf(now().id).fields };
     setText(title, called(shown));
@@ -63,17 +80,33 @@ function head(now) {
 
 /** @param {() => Target} now @returns {Part} */
 function kindButtons(now) {
-  const buttons = store
-    .get("kinds")
-    .map((/** @type {string} */ kind) => kindButton(kind, () => edit(now(), "kind", kind), {}));
-  const node = element(
-    "div",
-    { class: "kinds operator-only", role: "group", "aria-label": "Kind" },
-    ...buttons,
-  );
+  const make = (/** @type {string} */ kind) =>
+    kindButton(kind, () => edit(now(), "kind", kind), {});
+  const part = choosers(now, "kind", store.get("kinds").map(make), t("card.kind"));
+  part.node.classList.add("operator-only");
+  return part;
+}
+
+/** @param {() => Target} now @returns {Part} */
+function statusButtons(now) {
+  const make = (/** @type {string} */ status) =>
+    statusButton(status, () => edit(now(), "status", status));
+  return choosers(now, "status", store.get("statuses").map(make), t("card.status"));
+}
+
+/**
+ * @param {() => Target} now
+ * @param {"kind" | "status"} field
+ * @param {HTMLButtonElement[]} buttons  each with its word in its data
+ * @param {string} label
+ * @returns {Part}
+ */
+function choosers(now, field, buttons, label) {
+  const node = element("div", { class: "kinds", role: "group", "aria-label": label }, ...buttons);
   const update = () => {
-    const kind = shownOf(now(), "kind");
-    for (const one of buttons) one.setAttribute("aria-pressed", String(one.dataset.kind === kind));
+    const chosen = shownOf(now(), field);
+    showChosen(buttons, ({ dataset }) => dataset[field] === chosen);
+    for (const one of buttons) one.disabled = !mayChange();
   };
   return { node, update };
 }
@@ -90,16 +123,16 @@ function texts(now) {
   };
   const name = element("input", {
     maxlength: store.get("most").name,
-    placeholder: "Name",
-    "aria-label": "Name",
+    placeholder: t("card.name"),
+    "aria-label": t("card.name"),
     autocomplete: "off",
     on: { change: save("name") },
   });
   const note = element("textarea", {
     maxlength: store.get("most").note,
     rows: "2",
-    placeholder: "Note",
-    "aria-label": "Note",
+    placeholder: t("card.note"),
+    "aria-label": t("card.note"),
     on: { change: save("note") },
   });
   const status = element("p", { class: "said", role: "status" });
@@ -117,7 +150,7 @@ function texts(now) {
         filled[key] = { shown, was: baseOf(now(), key) };
         if (field.value !== shown) field.value = shown; // the same would move the caret
       } else if (shown !== filled[key].shown) {
-        words ||= `Changed elsewhere meanwhile: ${shown || "emptied"}. Yours is kept beside it`;
+        words ||= t("card.changed", { text: shown || t("card.emptied") });
       }
     }
     setText(status, words);
@@ -126,7 +159,6 @@ function texts(now) {
   name.addEventListener("keydown", (/** @type {KeyboardEvent} */ event) => {
     if (event.key === "Enter") name.blur();
   });
-  name.addEventListener("input", () => dropDraft(now().id));
   return { node: element("div", { class: "texts" }, name, note, status), update };
 }
 
@@ -150,27 +182,26 @@ function choices(now) {
 function choice(now, key, text) {
   const both = () => edit(now(), key, `${baseOf(now(), key)}\n${text}`.trim());
   const buttons = [
-    button("", "Use this", () => edit(now(), key, text)),
-    key === "note" ? button("", "Keep both", both) : null,
-    button("", "Leave out", () => leaveOut(now(), key, text)),
+    button("", t("card.use"), () => edit(now(), key, text)),
+    key === "note" ? button("", t("card.both"), both) : null,
+    button("", t("card.leave_out"), () => leaveOut(now(), key, text)),
   ];
   return element(
     "div",
     { class: "choice" },
-    element("p", { class: "said", text: `Also written as the ${key}:` }),
-    element("p", { class: "other", text: text || "(emptied)" }),
+    element("p", { class: "said", text: t("card.also", { field: FIELDS[key] }) }),
+    element("p", { class: "other", text: text || `(${t("card.emptied")})` }),
     element("div", { class: "actions operator-only" }, ...buttons),
   );
 }
 
 /** @param {string} id @returns {string} */
 function stateOfDraft(id) {
-  const { open, refusal } = draftOf(id);
-  if (refusal) return `Not saved: ${refusal}`;
+  const { open, refused } = draftOf(id);
+  const [reason] = Object.values(refused);
+  if (reason !== undefined) return t("card.not_saved", { reason });
   if (!open) return "";
-  return store.get("link").phase === "open"
-    ? "Saving…"
-    : "Not saved yet: it is sent as soon as the connection is back";
+  return store.get("link").phase === "open" ? t("card.saving") : t("card.waiting");
 }
 
 /** @param {() => Target} now @returns {Part} the place of the target, and its accuracy */
@@ -182,13 +213,13 @@ function place(now) {
   };
   const facts = [
     fact(
-      "95 % ellipse",
+      t("card.ellipse"),
       ({ ellipse: axes, clicks }) =>
-        `${ellipse(axes)}${clicks > 1 ? `, ${clicks} presses` : ""}`,
+        `${ellipse(axes)}${clicks > 1 ? `, ${t("card.presses", { count: clicks })}` : ""}`,
     ),
-    fact("Height above sea level", ({ height_msl_m: height }) => quantity(height, 1, "m")),
-    fact("Height above ellipsoid", ({ height_m: height }) => quantity(height, 1, "m")),
-    fact("Set", ({ created_ns: created }) => dateAndTime(created)),
+    fact(t("card.msl"), ({ height_msl_m: height }) => length(height, 1)),
+    fact(t("card.ellipsoid"), ({ height_m: height }) => length(height, 1)),
+    fact(t("card.set"), ({ created_ns: created }) => dateAndTime(created)),
   ];
   const list = element(
     "dl",
@@ -198,9 +229,7 @@ function place(now) {
   const disagree = element("p", {
     class: "said",
     hidden: true,
-    text:
-      "The presses disagree: they may " +
-      "be of different things, or something was wrong at one of them.",
+    text: t("card.disagree"),
   });
   const update = () => {
     rows.update();
@@ -213,46 +242,54 @@ function place(now) {
 /** @param {() => Target} now @returns {Part} cut-out and code to scan */
 function pictures(now) {
   const { id, number } = now();
-  const gone = (/** @type {Event} */ event) => {
-    /** @type {HTMLElement} */ (event.target).closest("figure")?.setAttribute("hidden", "");
-  };
-  const cut = element("img", {
-    class: "picture",
-    alt: `Picture of target ${number}`,
-    on: { error: gone },
-    src: `/targets/${id}/picture`,
-  });
-  const code = element("img", {
-    class: "qr",
-    alt: "Code with the coordinate, to scan",
-    on: { error: gone },
-  });
-  const figure = (/** @type {HTMLElement} */ image, /** @type {string} */ words) =>
-    element("figure", {}, image, element("figcaption", { text: words }));
-  const node = element(
-    "div",
-    { class: "pictures" },
-    figure(cut, "as pressed"),
-    figure(code, "scan: place"),
-  );
+  const cut = figure("picture", t("card.picture", { number }), t("card.as_pressed"));
+  const code = figure("qr", t("card.code"), t("card.scan"));
+  const node = element("div", { class: "pictures" }, cut.node, code.node);
   const update = () => {
-    const source = `/targets/${id}/qr?clicks=${now().clicks}`;
-    if (code.getAttribute("src") !== source) code.setAttribute("src", source);
+    const { latitude_deg: latitude, longitude_deg: longitude } = now();
+    cut.show(`/targets/${id}/picture`);
+    code.show(`/targets/${id}/qr?at=${latitude},${longitude}`); // of this place, not of an older
   };
   return { node, update };
 }
 
+/**
+ * Returns a picture that is hidden if it does not come, and asked for again after a reconnection.
+ * @param {string} look  its class
+ * @param {string} alt
+ * @param {string} words  below it
+ * @returns {{node: HTMLElement, show: (source: string) => void}}
+ */
+function figure(look, alt, words) {
+  /** @type {import("../store.js").Link | undefined} the connection at which it did not come */
+  let missed;
+  const error = () => {
+    node.hidden = true;
+    missed = store.get("link");
+  };
+  const image = element("img", { class: look, alt, on: { error } });
+  const node = element("figure", {}, image, element("figcaption", { text: words }));
+  const show = (/** @type {string} */ source) => {
+    const { link } = store.values;
+    const again = node.hidden && link.phase === "open" && link !== missed;
+    if (image.getAttribute("src") === source && !again) return;
+    node.hidden = false;
+    image.setAttribute("src", source);
+  };
+  return { node, show };
+}
+
 /** @param {() => Target} now @returns {Part} */
 function actions(now) {
-  const again = button("refine", "Press again", () => store.set({ refine: now().id }), {
+  const again = button("refine", t("card.again"), () => store.set({ refine: now().id }), {
     class: "operator-only",
     id: "refine",
-    title: "Press on it once more: the presses are averaged",
+    title: t("card.again_more"),
   });
-  const show = button("map", "On the map", () =>
+  const show = button("map", t("card.on_map"), () =>
     store.set({ tab: "map", shown: { id: now().id } }),
   );
-  const gone = button("delete", "Delete", () => remove(now()), {
+  const gone = button("delete", t("card.delete"), () => remove(now()), {
     class: "danger operator-only",
     id: "delete",
   });

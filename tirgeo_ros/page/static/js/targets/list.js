@@ -4,9 +4,11 @@
 
 import { button, byId, element, icon } from "../shell/dom.js";
 import { Kept } from "../shell/kept.js";
-import { called, clock, ellipse } from "../shell/words.js";
+import { said, t } from "../shell/language.js";
+import { called, clock, coordinate, ellipse } from "../shell/words.js";
 import { mayChange, store } from "../store.js";
 import { draftOf, undo } from "./changes.js";
+import { buildFilter, filtered, isFiltering, showAll } from "./filter.js";
 import { badge } from "./symbols.js";
 
 const FORMATS = [
@@ -26,19 +28,20 @@ export function buildList() {
   const count = element("h2", {});
   const exports = exportRow();
   const rows = element("ol", { class: "rows" });
-  const undoing = button("undo", "Undo", undo, { class: "operator-only", id: "undo" });
+  const undoing = button("undo", t("shell.undo"), undo, { class: "operator-only", id: "undo" });
   const exporting = button(
     "export",
-    "Export",
+    t("list.export"),
     () => {
       exports.hidden = !exports.hidden;
     },
     { id: "export" },
   );
-  const head = element("header", { class: "list-head" }, count, undoing, exporting);
-  const holder = element("div", { id: "target-list" }, head, exports, rows);
+  const { opener, chips } = buildFilter();
+  const head = element("header", { class: "list-head" }, count, undoing, opener, exporting);
+  const holder = element("div", { id: "target-list" }, head, exports, chips, rows);
   byId("targets").append(holder);
-  store.watch(["targets", "drafts", "role"], () => show(count, rows));
+  store.watch(["targets", "filter", "drafts", "role", "units", "form"], () => show(count, rows));
   store.watch(["selected"], () => {
     holder.hidden = store.get("selected") !== null;
   });
@@ -61,21 +64,36 @@ function exportRow() {
 function show(count, rows) {
   /** @type {Target[]} */
   const targets = store.get("targets");
-  count.textContent = targets.length === 1 ? "1 target" : `${targets.length} targets`;
-  const newestFirst = [...targets].reverse().map((one) => ({ ...one, ...draftOf(one.id).fields }));
-  const items = keptRows.of(newestFirst);
+  const { units, form } = store.values; // a row is made again when these change
+  const newestFirst = [...targets]
+    .reverse()
+    .map((one) => ({ ...one, ...draftOf(one.id).fields, units, form }));
+  const shown = filtered(newestFirst);
+  count.textContent = countWords(shown.length, targets.length);
+  const items = keptRows.of(shown);
   rows.querySelector(".nothing")?.remove();
-  (items.length ? items : [nothing()]).forEach((item, place) => {
+  (items.length ? items : [nothing(targets.length)]).forEach((item, place) => {
     if (rows.children[place] !== item) rows.insertBefore(item, rows.children[place] ?? null);
   });
 }
 
-/** @returns {HTMLElement} */
-function nothing() {
-  const how = mayChange()
-    ? "Choose a kind, then press on the video where the target is."
-    : "Targets that operators set appear here.";
-  return element("li", { class: "nothing" }, icon("other"), element("p", { text: how }));
+/** @param {number} shown @param {number} all @returns {string} */
+function countWords(shown, all) {
+  if (isFiltering()) return t("list.some", { count: shown, all });
+  return all === 1 ? t("list.one") : t("list.count", { count: all });
+}
+
+/** @param {number} hidden  targets that the filter hides @returns {HTMLElement} why none is here */
+function nothing(hidden) {
+  const how = mayChange() ? t("list.how") : t("list.how_viewer");
+  const why = hidden ? t("list.hidden", { count: hidden }) : how;
+  return element(
+    "li",
+    { class: "nothing" },
+    icon("other"),
+    element("p", { text: why }),
+    hidden ? button("", t("filter.all"), showAll) : null,
+  );
 }
 
 /** @param {Target} target  with what was typed and is not confirmed @returns {HTMLElement} */
@@ -83,10 +101,10 @@ function row(target) {
   const top = element(
     "span",
     { class: "row-top" },
-    element("strong", { text: called(target) }),
+    element("strong", { text: called(target), dir: "auto" }),
     element("time", { text: clock(target.created_ns) }),
   );
-  const place = element("span", { class: "mono", text: target.coordinates.decimal });
+  const place = element("span", { class: "mono", text: coordinate(target.coordinates) });
   const middle = element(
     "span",
     { class: "grow" },
@@ -95,8 +113,16 @@ function row(target) {
       "span",
       { class: "row-below" },
       place,
-      element("span", { class: "accuracy", text: `95 %: ${ellipse(target.ellipse)}` }),
-      target.alternatives.length ? element("span", { class: "said", text: "choose a text" }) : null,
+      target.status === "new"
+        ? null
+        : element("span", { class: "status", text: said(target.status) }),
+      element("span", {
+        class: "accuracy",
+        text: t("words.ellipse", { ellipse: ellipse(target.ellipse) }),
+      }),
+      target.alternatives.length
+        ? element("span", { class: "said", text: t("list.choose") })
+        : null,
     ),
   );
   const open = () => store.set({ selected: target.id });

@@ -3,9 +3,12 @@
 /** Makes a target of a press on the video, or shows there why it cannot. */
 
 import { ask } from "../link/state_link.js";
-import { capital, ellipse } from "../shell/words.js";
+import { said, t } from "../shell/language.js";
+import { capital, coordinate, ellipse } from "../shell/words.js";
 import { mayChange, store, targetOf } from "../store.js";
 import { changed } from "../targets/changes.js";
+import { filtered } from "../targets/filter.js";
+import { sameAs } from "../targets/merging.js";
 
 /** @typedef {import("./stage.js").Stage} Stage */
 
@@ -20,7 +23,7 @@ export async function pressed(stage, u, v, stampNs) {
   const { marks, aircraft } = stage;
   store.set({ current: aircraft.id });
   if (!mayChange()) {
-    marks.refused(u, v, "You are a viewer: only operators set targets.");
+    marks.refused(u, v, t("press.viewer"));
     return;
   }
   marks.locating(u, v);
@@ -35,7 +38,7 @@ export async function pressed(stage, u, v, stampNs) {
   };
   const answer = await ask("click", click);
   if (answer.ok) located(marks, u, v, answer, refine !== null);
-  else marks.refused(u, v, capital(answer.reason ?? "refused"));
+  else marks.refused(u, v, capital(answer.reason ? said(answer.reason) : t("press.refused")));
 }
 
 /**
@@ -47,14 +50,20 @@ export async function pressed(stage, u, v, stampNs) {
  */
 function located(marks, u, v, answer, refined) {
   const { target } = answer;
-  const words = [target.number, target.coordinates.decimal, `95 %: ${ellipse(target.ellipse)}`];
+  const words = [
+    target.number,
+    coordinate(target.coordinates),
+    t("words.ellipse", { ellipse: ellipse(target.ellipse) }),
+  ];
   if (answer.temperature_c !== null) words.push(`${answer.temperature_c.toFixed(1)} °C`);
-  marks.located(u, v, words.join("  ·  "));
+  marks.located(u, v, words.join("  ·  "), target.id);
+  const same = refined ? null : sameAs(target, answer.near);
+  if (same) marks.offer(same);
   store.set({ refine: null, selected: refined ? target.id : store.get("selected") });
-  changed(
-    refined
-      ? `Target ${target.number} averaged over ${target.clicks} presses`
-      : `Target ${target.number} set`,
-    target.id,
-  );
+  const { number, clicks } = target;
+  const isListed = filtered([target]).length > 0;
+  const set = isListed ? t("press.set", { number }) : t("press.set_hidden", { number });
+  const averaged = t("press.averaged", { number, count: clicks });
+  const warning = target.clicks_agree ? "" : `. ${t("merge.disagree")}`;
+  changed(refined ? averaged + warning : set, target.id);
 }

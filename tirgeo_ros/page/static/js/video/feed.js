@@ -3,31 +3,11 @@
 /** The video of one aircraft: receives pictures, decodes the newest, and says which was shown. */
 
 import { RetryingSocket } from "../link/retrying_socket.js";
+import { frameOf, headerOf } from "./message.js";
 
-const HEADER_BYTES = 24;
+const SILENT_S = 1;
 
-/**
- * @typedef {object} Frame
- * @property {string} stampNs  a 64-bit number, as text
- * @property {number} number
- * @property {number} width  of the full picture; the bitmap may be smaller
- * @property {number} height
- * @property {ImageBitmap} bitmap
- */
-
-/**
- * Reads the 24 bytes before each picture: u64 stamp, u64 sent, u32 number, u16 width, u16 height.
- * @param {ArrayBuffer} data
- */
-export function headerOf(data) {
-  const view = new DataView(data, 0, HEADER_BYTES);
-  return {
-    stampNs: view.getBigUint64(0, true).toString(),
-    number: view.getUint32(16, true),
-    width: view.getUint16(20, true),
-    height: view.getUint16(22, true),
-  };
-}
+/** @typedef {import("./message.js").Frame} Frame */
 
 export class VideoFeed {
   /**
@@ -52,13 +32,18 @@ export class VideoFeed {
   }
 
   start() {
-    this.phase = "connecting";
+    if (!this.socket.wanted) this.phase = "connecting";
     this.socket.start();
   }
 
   stop() {
     this.socket.stop();
     this.waiting = undefined;
+  }
+
+  /** Opens another connection if this one is silent. */
+  renew() {
+    if (this.ageS > SILENT_S) this.socket.renew();
   }
 
   /** @param {ArrayBuffer} data */
@@ -79,12 +64,10 @@ export class VideoFeed {
 
   /** @param {ArrayBuffer} data */
   async decode(data) {
-    const header = headerOf(data);
-    const jpeg = new Blob([new Uint8Array(data, HEADER_BYTES)], { type: "image/jpeg" });
     try {
-      this.drawn({ ...header, bitmap: await createImageBitmap(jpeg) });
+      this.drawn(await frameOf(data));
     } catch {
-      this.confirm(header.number); // a damaged picture: wait for the next one
+      this.confirm(headerOf(data).number); // a damaged one: wait for the next
     }
   }
 

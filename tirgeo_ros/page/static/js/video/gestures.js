@@ -30,6 +30,7 @@ export function listen(surface, gestures) {
 
   surface.addEventListener("pointerdown", (event) => {
     if (event.button !== 0) return;
+    if (event.isPrimary) fingers.clear(); // the page may not have been told that one was lifted
     surface.setPointerCapture(event.pointerId);
     fingers.set(event.pointerId, place(event));
     press = fingers.size === 1 ? { ...place(event), down: gestures.down() } : null;

@@ -1,16 +1,21 @@
 // Copyright 2026 The tirgeo maintainers
 // SPDX-License-Identifier: Apache-2.0
-/** One aircraft's video: canvas, marks, and warnings over the picture. */
+/** One aircraft's video: picture with map, marks, and warnings over it. */
 
 import { element, setText } from "../shell/dom.js";
+import { t } from "../shell/language.js";
 import { store } from "../store.js";
 import { VideoFeed } from "./feed.js";
+import { FramePainter } from "./frame_painter.js";
 import { listen } from "./gestures.js";
 import { Marks } from "./marks.js";
+import { Still } from "./still.js";
+import { Thermometer } from "./thermometer.js";
 import { PictureView } from "./view.js";
 import { latencyTone, wordsOver } from "./words_over.js";
+import { WordsOfMap } from "./words_of_map.js";
 
-/** @typedef {import("./feed.js").Frame} Frame */
+/** @typedef {import("./message.js").Frame} Frame */
 
 export class Stage {
   /**
@@ -25,25 +30,28 @@ export class Stage {
     /** @type {Frame | null} */
     this.frame = null; // on the screen
     this.build();
+    this.wordsOfMap = new WordsOfMap(this.root);
+    this.painter = new FramePainter(this.canvas, this.view);
     this.marks = new Marks(this.over, this.view);
-    this.feed = new VideoFeed(aircraft.id, (frame) => this.show(frame));
+    this.thermometer = new Thermometer(this.over, this.view, () => this.measure());
+    this.feed = new VideoFeed(aircraft.id, (frame) => this.showLive(frame));
+    this.held = new Still(aircraft.id, (frame) => this.showKept(frame));
+    this.liveNs = "0"; // stamp of the newest picture
     this.still = false;
     listen(this.over, this.gestures());
     new ResizeObserver(() => this.resize()).observe(this.over);
   }
 
   build() {
-    const name = this.aircraft.name || "the aircraft";
     this.canvas = element("canvas", {});
     this.over = element("div", {
       class: "over",
       tabindex: "0",
       role: "application",
-      "aria-label": `Video of ${name}. Press to set a target; arrow keys and Enter do the same.`,
     });
-    this.name = element("span", { class: "name", text: this.aircraft.name });
-    this.recording = element("span", { class: "rec", text: "REC", hidden: true });
-    this.latency = element("span", { class: "latency", title: "from the camera to this screen" });
+    this.name = element("span", { class: "name" });
+    this.recording = element("span", { class: "rec", text: t("bar.recording"), hidden: true });
+    this.latency = element("span", { class: "latency", title: t("video.latency") });
     this.title = element("strong", {});
     this.detail = element("span", {});
     this.words = element(
@@ -52,16 +60,21 @@ export class Stage {
       this.title,
       this.detail,
     );
-    const chips = element("div", { class: "chips" }, this.name, this.recording, this.latency);
+    this.chips = element("div", { class: "chips" }, this.name, this.recording, this.latency);
     this.root = element(
       "article",
       { class: "stage", data: { aircraft: this.aircraft.id } },
       this.canvas,
       this.over,
-      chips,
+      this.chips,
       this.words,
     );
-    this.context = this.canvas.getContext("2d", { alpha: false });
+  }
+
+  /** @param {string} name  that the aircraft has now */
+  call(name) {
+    setText(this.name, name);
+    this.over.setAttribute("aria-label", t("video.label", { name: name || t("video.aircraft") }));
   }
 
   /** @returns {import("./gestures.js").Gestures} */
@@ -96,64 +109,98 @@ export class Stage {
   }
 
   /** @param {Frame} frame */
+  showLive(frame) {
+    if (this.kept) return frame.bitmap.close(); // decoded since
+    this.liveNs = frame.stampNs;
+    this.show(frame);
+    if (this.still) this.follow(true); // the first one is kept
+  }
+
+  /** @param {Frame} frame  the one on the screen at full size, or of another moment */
+  showKept(frame) {
+    if (frame.stampNs !== this.frame?.stampNs) this.marks.cross.hidden = true; // on other ground
+    this.show(frame);
+  }
+
+  /** Draws a frame: its picture, its map and its words at once. @param {Frame} frame */
   show(frame) {
     this.frame?.bitmap.close();
     this.frame = frame;
     this.view.setPicture(frame.width, frame.height);
-    this.draw();
+    this.draw(frame.decodeMs);
+    this.marks.follow(frame.shapes?.targets ?? []);
   }
 
-  draw() {
-    const { context, canvas, frame } = this;
-    if (!frame) return;
-    const ratio = canvas.width / this.view.width;
-    const { left, top, width, height } = this.view.rectangle;
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.fillStyle = "#000";
-    context.fillRect(0, 0, this.view.width, this.view.height);
-    context.drawImage(frame.bitmap, left, top, width, height);
+  /** @param {number} decodeMs  that a new frame took */
+  draw(decodeMs = 0) {
+    if (!this.frame) return;
+    this.wordsOfMap.show(this.frame.shapes);
+    this.painter.paint(this.frame, decodeMs);
+    this.measure();
+  }
+
+  measure() {
+    if (this.frame) this.thermometer.show(this.frame, this.painter.picture);
   }
 
   resize() {
     const { clientWidth: width, clientHeight: height } = this.over;
-    const ratio = Math.min(window.devicePixelRatio || 1, 2);
-    this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(height * ratio);
+    this.painter.resize(width, height);
     this.changed(() => this.view.setBox(width, height));
   }
 
   /** Starts or stops the video: a hidden tile takes no bandwidth. @param {boolean} on */
   follow(on) {
     this.root.hidden = !on;
-    if (on && !store.get("still")) this.feed.start();
+    if (on && !this.kept) this.feed.start();
     else this.feed.stop();
+    if (on && this.kept && !this.held.on) this.held.begin(this.kept.stampNs);
   }
 
-  /** @param {boolean} on  keeps the picture that is on the screen */
+  /** Keeps the picture that is on the screen, or goes on. @param {boolean} on */
   hold(on) {
+    if (on === this.still) return;
     this.still = on;
-    if (this.root.hidden) return;
-    if (on) this.feed.stop();
-    else this.feed.start();
+    this.held.end();
+    if (!this.root.hidden) this.follow(true);
+  }
+
+  /** @returns {Frame | null} the one that stays; before the first one none does */
+  get kept() {
+    return store.get("still") ? this.frame : null;
+  }
+
+  /** Asks for pictures over a new connection: the old one may be dead without an error. */
+  renew() {
+    this.feed.renew();
+    this.held.renew();
+  }
+
+  /** @returns {number} seconds since the picture on the screen was the newest */
+  get ageS() {
+    const before = this.frame ? BigInt(this.liveNs) - BigInt(this.frame.stampNs) : 0n;
+    return this.feed.ageS + Number(before) / 1e9;
   }
 
   /** @returns {number | null | undefined} when the newest picture came; null: none is expected */
   get watched() {
-    if (this.still || this.root.hidden || document.hidden) return null;
+    if (this.kept || this.root.hidden || document.hidden) return null;
     return this.feed.arrivedAt || undefined;
   }
 
   /** Writes over the picture what is wrong with it and how old it is; called every 200 ms. */
   tell() {
     const state = store.get("states")[this.aircraft.id] ?? null;
-    const stillS = this.still ? this.feed.ageS : null;
+    const stillS = this.still ? this.ageS : null;
     const why = store.get("verdicts")[this.aircraft.id]?.text ?? "";
-    const warning = wordsOver({ ageS: this.feed.ageS, stillS, why });
+    const warning = wordsOver({ ageS: this.ageS, stillS, why });
     this.root.dataset.tone = warning?.tone ?? "good";
     this.words.hidden = !warning;
     setText(this.title, warning?.title ?? "");
     setText(this.detail, warning?.detail ?? "");
     this.recording.hidden = !state?.recording;
+    const words = [this.chips, this.wordsOfMap.notices, this.wordsOfMap.status];
+    if (this.painter.keepFree(words) && this.still) this.draw(); // a live one comes anyway
     this.tellLatency(state);
   }
 

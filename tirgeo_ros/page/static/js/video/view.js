@@ -33,6 +33,7 @@ export class PictureView {
   setPicture(width, height) {
     this.pictureWidth = width;
     this.pictureHeight = height;
+    this.keepInside();
   }
 
   /** @returns {number} CSS pixels for one pixel of the picture */

@@ -2,6 +2,7 @@
 // SPDX-License-Identifier: Apache-2.0
 /** The warning over a video, by its age and its fault: plain functions. */
 
+import { said, t } from "../shell/language.js";
 import { age } from "../shell/words.js";
 
 const FROZEN_S = 1.0;
@@ -17,12 +18,13 @@ const LATE_MS = 600;
  */
 export function wordsOver({ ageS, stillS, why }) {
   if (stillS !== null && Number.isFinite(stillS)) {
-    const detail = `${stillS.toFixed(0)} s old; press on it as usual`;
-    return { tone: "still", title: "STILL PICTURE", detail };
+    const detail = t("over.still_age", { seconds: stillS.toFixed(0) });
+    return { tone: "still", title: t("over.still"), detail };
   }
   if (ageS <= FROZEN_S) return null;
-  if (Number.isFinite(ageS)) return { tone: "old", title: `FROZEN ${age(ageS)}`, detail: why };
-  return { tone: "old", title: "NO VIDEO", detail: why || "waiting for the first picture" };
+  if (Number.isFinite(ageS))
+    return { tone: "old", title: t("over.frozen", { age: age(ageS) }), detail: why };
+  return { tone: "old", title: said("NO VIDEO"), detail: why || t("over.waiting") };
 }
 
 /** @param {number | null} ms @returns {"good" | "caution" | "bad" | ""} */
