@@ -86,8 +86,9 @@ def pixel_of(stamp_ns, latitude_deg, longitude_deg):
 class SimulatedBackend:
     """Answers clicks from the pose of their stamp, as ``page/actions.py`` says."""
 
-    def __init__(self, targets, answer_s=0.02):
+    def __init__(self, targets, answer_s=0.02, has_outages=False):
         self.targets = targets
+        self._has_outages = has_outages
         self.newest_ns = {}
         self.recording, self.sharing = {}, False
         self._answer_s = answer_s
@@ -102,6 +103,10 @@ class SimulatedBackend:
         ]
         result = {"type": "FeatureCollection", "features": features}
         self._map = json.dumps(result).encode()
+
+    def is_out(self, stamp_ns):
+        """Return whether there is no pose: for five seconds of each minute, or never."""
+        return self._has_outages and stamp_ns * 1e-9 % 60 > 55
 
     async def click(self, click: Click) -> Located | str:
         await asyncio.sleep(self._answer_s)
@@ -175,7 +180,7 @@ class Pictures:
             grey[-CODE_PX:, left : left + CODE_PX] = 235 if white else 20
         return cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
 
-    def shapes(self, stamp_ns, targets):
+    def shapes(self, stamp_ns, targets, is_out=False):
         """Return outlines and names of the plots, a hydrant in each, and the targets."""
         plots = _plots_in(stamp_ns)
         marks = [(1, pixels.mean(axis=0)) for _, pixels in plots]
@@ -197,7 +202,7 @@ class Pictures:
             "bar": [12, 112, HEIGHT - 30, 100 * M_PER_PIXEL],
             "heading_deg": stamp_ns * 1e-9 * 6 % 360,
         }
-        if stamp_ns * 1e-9 % 60 > 55:
+        if is_out:
             return encoded(
                 {**head, "labels": [], "targets": [], "ellipses": [], "bar": None}
                 | {"notices": [["NO MAP: no pose for 2.0 s", 2]]}
@@ -225,9 +230,9 @@ def _target_mark(stamp_ns, target):
 
 
 def state_at(backend, aircraft, stamp_ns, points):
-    """A state as viewer_node reports it; every minute there is no map for five seconds."""
+    """A state as viewer_node reports it."""
     east, north = camera_at(stamp_ns)
-    bad = stamp_ns * 1e-9 % 60 > 55
+    bad = backend.is_out(stamp_ns)
     corners = [(0, 0), (WIDTH, 0), (WIDTH, HEIGHT), (0, HEIGHT)]
     finding = {
         "severity": "STOP" if bad else "NOTE",
@@ -283,7 +288,7 @@ class SimulatedFlight:
             jpeg = self._pictures.jpeg(stamp_ns)
             if count % round(self._hz / 5) == 0:
                 targets = self._backend.targets.all()
-            shapes = self._pictures.shapes(stamp_ns, targets)
+            shapes = self._pictures.shapes(stamp_ns, targets, self._backend.is_out(stamp_ns))
             for aircraft in self._aircraft:
                 self._backend.newest_ns[aircraft] = stamp_ns
                 self._server.show(aircraft, stamp_ns, jpeg, shapes=shapes)
@@ -301,10 +306,12 @@ def main():
     parser.add_argument("--tiles", default="", help="MBTiles file")
     parser.add_argument("--targets", type=Path, help="file of the targets; default: a new one")
     parser.add_argument("--aircraft", default="", help="ids, separated by commas")
+    parser.add_argument("--outages", action="store_true", help="no map in 5 s of each minute")
     args = parser.parse_args()
     config = replace(ViewerConfig(), listen=args.listen, token=args.token, tiles=args.tiles)
     with tempfile.TemporaryDirectory() as folder:
-        backend = SimulatedBackend(TargetStore(args.targets or Path(folder) / "targets.gpkg"))
+        targets = TargetStore(args.targets or Path(folder) / "targets.gpkg")
+        backend = SimulatedBackend(targets, has_outages=args.outages)
         aircraft = {name: name or "aircraft" for name in args.aircraft.split(",")}
         server = PageServer(backend, config, aircraft)
         server.start()

@@ -54,14 +54,11 @@ class ServedPage(Served):
 
 
 def well(monkeypatch, **changes):
-    """Let the simulated aircraft report that all is well, but for ``changes``."""
+    """Let the simulated aircraft report no finding, and ``changes``."""
     state_at = page_backend.state_at
 
-    def report(backend, aircraft, stamp_ns, points):
-        state = state_at(backend, aircraft, stamp_ns, points)
-        fine = state_at(backend, aircraft, 0, points)
-        keys = ("navigation", "no_map", "rtk", "heading_sigma_deg", "verdict")
-        return {**state, **{key: fine[key] for key in keys}, "findings": [], **changes}
+    def report(*of):
+        return {**state_at(*of), "findings": [], **changes}
 
     monkeypatch.setattr(page_backend, "state_at", report)
 
