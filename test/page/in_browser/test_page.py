@@ -144,14 +144,25 @@ def test_keys_work_with_caps_lock_and_on_a_german_keyboard(serve, tablet):
     screen = tablet(serve().url, DESK)
     screen.await_picture(screen.await_picture() + 1_500_000_000)
     stamp_ns = screen.hold_still()
-    screen.page.evaluate(_KEY, "N")
+    screen.page.evaluate(_KEY, ["N"])
     screen.wait("() => document.documentElement.dataset.theme === 'red'")
-    screen.page.evaluate(_KEY, ";")  # Shift and a comma
+    screen.page.evaluate(_KEY, [";"])  # Shift and a comma
     screen.until(_IS_BEFORE, str(stamp_ns - 500_000_000))  # far more than a picture
 
 
-_KEY = """(key) => {
-  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
+def test_a_french_keyboard_needs_no_shift_for_a_kind_and_zooms_with_its_minus(serve, tablet):
+    screen = tablet(serve().url, DESK)
+    screen.await_picture()
+    screen.page.evaluate(_KEY, ["é", "Digit2"])
+    screen.reads("#tools [aria-checked=true]", "fire")
+    screen.page.evaluate(_KEY, ["-", "Digit6"])
+    screen.page.evaluate(_KEY, ["n", "KeyN"])  # what comes after it has come: so has it
+    screen.wait("() => document.documentElement.dataset.theme === 'red'")
+    screen.reads("#tools [aria-checked=true]", "fire")
+
+
+_KEY = """([key, code = ""]) => {
+  document.body.dispatchEvent(new KeyboardEvent("keydown", { key, code, bubbles: true }));
 }"""
 _IS_BEFORE = """async (stamp) => {
   const { stageOf } = await import("/static/js/video/stages.js");

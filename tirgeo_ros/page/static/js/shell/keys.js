@@ -43,8 +43,8 @@ function letter({ key }) {
 /** @param {KeyboardEvent} event @returns {(() => unknown) | undefined} */
 function commandOf(event) {
   const key = letter(event);
-  const kind = store.get("kinds")[Number(key) - 1];
-  if (kind) return () => store.set({ kind });
+  const numbered = kindOf(key);
+  if (numbered) return numbered;
   const onButton = /** @type {HTMLElement} */ (event.target).closest("button, a, summary");
   if (onButton && (key === "Enter" || key === " ")) return undefined; // the button takes it
   const scrolls = /** @type {HTMLElement} */ (event.target).matches("#panel:focus-visible");
@@ -54,7 +54,7 @@ function commandOf(event) {
   const stage = stageOf(store.get("current"));
   const step = event.shiftKey ? 1 : STEP_PX;
   if (key in ARROWS) return () => moveCursor(stage, /** @type {any} */ (ARROWS)[key], step);
-  return {
+  const command = {
     Enter: () => pressAtCursor(stage),
     " ": () => store.set({ still: !store.get("still") }),
     ",": () => rewind(-1),
@@ -72,6 +72,14 @@ function commandOf(event) {
     "?": openHelp,
     Escape: () => store.set({ refine: null, measuring: false, selected: null, looking: false }),
   }[key];
+  // Without Shift a French key of a number is another sign, and some of these are commands.
+  return command ?? kindOf(event.code.replace("Digit", ""));
+}
+
+/** @param {string} number @returns {(() => unknown) | undefined} */
+function kindOf(number) {
+  const kind = store.get("kinds")[Number(number) - 1];
+  return kind && (() => store.set({ kind }));
 }
 
 /** @typedef {import("../video/stage.js").Stage} Stage */
