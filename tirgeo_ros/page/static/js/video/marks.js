@@ -142,9 +142,10 @@ export class Marks {
 
   /** @returns {number} pixels at the foot of the video under a still picture's bar or the banner */
   underBar() {
-    const { top, bottom } = this.holder.getBoundingClientRect();
+    const { top, right, bottom } = this.holder.getBoundingClientRect();
     const bars = ["rewind", "banner"].map((id) => byId(id).getBoundingClientRect());
-    const over = bars.filter((bar) => bar.height && bar.top > top); // a wide banner is above
+    // A wide banner is above the video, that of a phone on its side beside it.
+    const over = bars.filter((bar) => bar.height && bar.top > top && bar.left < right);
     return Math.max(bottom - Math.min(bottom, ...over.map((bar) => bar.top)), 0);
   }
 }
