@@ -22,6 +22,8 @@ from browser import DESK, LEVEL, PHONE, TABLET
 from page_backend import GO, LOST, place_at
 from served_page import ELLIPSE, corner_in, off_corner, press, well
 
+from tirgeo_ros.page.server import PageServer
+
 SIDE = (844, 390)  # a phone on its side
 BAR = "#rewind [aria-label='{}']"
 
@@ -294,16 +296,15 @@ _IS_HELD = """async (aircraft) => {
 }"""
 
 
-def test_a_picture_that_is_to_be_still_before_one_came_is_the_first(serve, tablet):
+def test_a_picture_that_is_to_be_still_before_one_came_is_the_first(serve, tablet, monkeypatch):
     """None came at all: NO VIDEO became GO, beside words that one was waited for."""
-    page = serve()
-    page.server.show, show = lambda *_, **__: None, page.server.show
-    screen = tablet(page.url)
-    screen.reads("#verdict", "NO VIDEO")
-    screen.tap_on("#still")
-    screen.page.wait_for_timeout(500)
-    screen.reads("#verdict", "NO VIDEO")
-    page.server.show = show
+    with monkeypatch.context() as before_any:
+        before_any.setattr(PageServer, "show", lambda *_, **__: None)
+        screen = tablet(serve().url)
+        screen.reads("#verdict", "NO VIDEO")
+        screen.tap_on("#still")
+        screen.page.wait_for_timeout(500)
+        screen.reads("#verdict", "NO VIDEO")
     screen.one(".stage[data-tone=still]").wait_for()
     screen.one("#rewind").wait_for()
     settle(screen)
