@@ -425,6 +425,18 @@ _COVERING = """() => {
 }"""
 
 
+@pytest.mark.parametrize("size", [PHONE, SIDE, (667, 375)])
+def test_an_answer_with_its_button_leaves_its_cross_to_be_seen(serve, tablet, size):
+    screen = tablet(serve().url, size)
+    place = screen.on_screen(*corner_in(screen.hold_still()))
+    screen.tap(*place)
+    screen.reads("#toast", "Target 1 set")
+    screen.tap(*place)
+    screen.one(".answer .same").wait_for()
+    answer = screen.one(".answer").bounding_box()
+    assert not 0 <= place[1] - answer["y"] <= answer["height"]
+
+
 def test_a_banner_that_comes_later_covers_no_answer(serve, tablet, monkeypatch):
     verdict = dict(GO)
     well(monkeypatch, verdict=verdict)
