@@ -278,6 +278,7 @@ def test_a_measurement_is_in_the_screens_units_and_ends_with_its_button(
 
     answered = Actions._measure
     monkeypatch.setattr(Actions, "_measure", measure)
+    well(monkeypatch, position=[LATITUDE, LONGITUDE, GROUND_M + 40])  # the map stays where it is
     screen = tablet(serve().url, LEVEL)
     screen.await_picture()
     screen.tap_on("#measure")
@@ -294,6 +295,23 @@ def test_a_measurement_is_in_the_screens_units_and_ends_with_its_button(
     waiting.put("")
     screen.page.wait_for_timeout(500)
     screen.shows(".map-said", 0)
+
+
+def test_the_map_follows_the_aircraft_but_while_something_is_measured(serve, tablet, monkeypatch):
+    """It moved between two presses, and under the second finger."""
+    position = [LATITUDE, LONGITUDE, GROUND_M + 40]
+    well(monkeypatch, position=position)
+    screen = tablet(serve().url, LEVEL)
+    screen.await_picture()
+    top = screen.wait(_AIRCRAFT_TOP)
+    screen.tap_on("#measure")
+    position[0] += 400 / NORTH_M
+    screen.wait(f"(top) => ({_AIRCRAFT_TOP})() < top - 100", top)
+    screen.tap_on("#measure")
+    screen.wait(f"(top) => ({_AIRCRAFT_TOP})() > top - 100", top)
+
+
+_AIRCRAFT_TOP = "() => document.querySelector('.map-aircraft')?.getBoundingClientRect().top"
 
 
 def test_a_layer_that_is_off_is_not_drawn_and_the_map_says_so(with_targets, tablet):

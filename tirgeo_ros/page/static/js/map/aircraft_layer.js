@@ -57,7 +57,7 @@ export function buildAircraft(map) {
   /** @type {Map<string, Shown>} */
   const shown = new Map();
   store.watch(["aircraft", "states", "current", "tracks", "mapOff"], () => {
-    const { aircraft, states, tracks, current, follow } = store.values;
+    const { aircraft, states, tracks, current, follow, measuring } = store.values;
     const there = aircraft.map((/** @type {import("../store.js").Aircraft} */ { id }) => id);
     for (const [id, one] of shown) {
       if (there.includes(id)) continue; // else a server that was started again has it no more
@@ -70,7 +70,7 @@ export function buildAircraft(map) {
       if (!shown.has(id)) shown.set(id, new Shown(map, name));
       shown.get(id)?.update(states[id], tracks[id] ?? [], id === current);
     }
-    if (follow) centre(map, FREE_SHARE);
+    if (follow && !measuring) centre(map, FREE_SHARE); // no press is beside where it was aimed
   });
   store.watch(["theme"], () => shown.forEach((one) => one.recolour()));
 }
