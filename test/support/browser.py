@@ -177,12 +177,16 @@ class Screen:
         """Change values of the page's store."""
         self.page.evaluate(_SET, changes)
 
+    def too_wide(self) -> list[str]:
+        """Return what stands out sideways."""
+        return list(self.page.evaluate(_TOO_WIDE))
+
     def faults(self) -> list[str]:
         """Return what stands out sideways, is too small for a finger, or a fault to axe-core.
 
         Day and night colours are both looked at, with all rules of axe's.
         """
-        result = self.page.evaluate(_TOO_WIDE) + self.page.evaluate(_TOO_SMALL, FINGER_PX)
+        result = self.too_wide() + self.page.evaluate(_TOO_SMALL, FINGER_PX)
         for theme in ("red", "dark"):
             self.set(theme=theme)
             rules = Axe().run(self.page).response["violations"]

@@ -98,6 +98,21 @@ def test_no_text_is_cut(serve, tablet, monkeypatch, language, size):
 
 
 @pytest.mark.parametrize("language", LOCALES)
+def test_no_phone_lacks_a_button_or_cuts_its_words(serve, tablet, language):
+    """The menu was beside the screen of phones that are 430 to 450 wide."""
+    screen = tablet(serve().url, PHONE, locale=LOCALES[language])
+    screen.await_picture()
+    for wide, high in PHONES:
+        screen.page.set_viewport_size({"width": wide, "height": high})
+        found = [*screen.too_wide(), *screen.page.evaluate(CUT)]
+        assert found == [], (wide, high)
+
+
+PHONES = [(360, 740), (412, 915), (430, 932), (440, 956), (519, 900), (520, 900), (699, 1000)]
+PHONES += [(high, wide) for wide, high in PHONES if high < 1000] + [(667, 375), (960, 600)]
+
+
+@pytest.mark.parametrize("language", LOCALES)
 def test_a_phone_on_its_side_shows_the_numbers_on_its_tabs(serve, tablet, monkeypatch, language):
     finding = {"severity": "NOTE", "subject": "", "evidence": "", "parameter": "", "remedy": ""}
     well(monkeypatch, findings=[finding] * 12)
