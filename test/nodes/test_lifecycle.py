@@ -280,7 +280,7 @@ def test_nodes_run_and_end_with_every_launch_argument(
     nodes = launched(launch_file, **given)
     assert set(nodes) == NODES - {"dji_node" if "bag" in given else "bag_player"}
     processes = {
-        name: spawn(name, *ros_arguments_of(node, tmp_path), **profiles)
+        name: spawn(name, *ros_arguments_of(node, tmp_path), PYTHONFAULTHANDLER="1", **profiles)
         for name, node in nodes.items()
     }
     for name, process in processes.items():
@@ -289,5 +289,8 @@ def test_nodes_run_and_end_with_every_launch_argument(
         process.signal(signal.SIGINT)
     for process in processes.values():
         ended = process.wait(60.0)
-        assert ended is not None, f"{process.name} runs on"
+        if ended is None:
+            process.signal(signal.SIGABRT)  # it says where its threads are
+            process.wait(5.0)
+        assert ended is not None, f"{process.name} runs on: {process.text()}"
         assert ended.exit_code == 0, process.text()
