@@ -21,7 +21,7 @@ import re
 import pytest
 from browser import DESK, LEVEL, PHONE
 from page_backend import GO, LOST
-from served_page import corner_in, well
+from served_page import corner_in, press, well
 
 LOCALES = {"en": "en-GB", "de": "de-DE", "fr": "fr-FR", "es": "es-ES"}
 WORDS = ["GO", "NO GO", "NO DATA", "NO VIDEO", "WAIT", "CAUTION", "LOST"]
@@ -46,13 +46,6 @@ CUT = """() => {
   }
   return found;
 }"""
-
-
-def press(screen):
-    """Set a target, and close the words that say so."""
-    screen.tap(*screen.on_screen(*corner_in(screen.hold_still())))
-    screen.reads(".row .badge", "1")
-    screen.tap_on("#still")
 
 
 def seen_parts(screen):
