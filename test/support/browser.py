@@ -84,9 +84,23 @@ class Screen:
             self.complaints.append(f"{message.type}: {message.text} {message.location}")
 
     def open(self, url: str) -> Screen:
-        """Go to a page and wait until its connection is open."""
+        """Go to a page."""
         self.page.goto(url)
         return self
+
+    def enter(self, url: str) -> Screen:
+        """Go to the operator's page, and wait until it is built and knows its aircraft's state.
+
+        Or until it asks for a token, or says that there is no connection.
+        """
+        self.open(url)
+        self.until(_BEGAN)
+        return self
+
+    def reload(self) -> None:
+        """Load the operator's page again, and wait as in ``enter``."""
+        self.page.reload()
+        self.until(_BEGAN)
 
     def tap(self, x: float, y: float) -> None:
         """Touch a place of the screen, CSS pixels."""
@@ -122,11 +136,15 @@ class Screen:
 
     def await_picture(self, after_ns: int = 0) -> int:
         """Wait for a picture later than a stamp; return its stamp."""
+        self.awaits(lambda: self.stamp_ns() > after_ns, f"no picture after {after_ns}")
+        return self.stamp_ns()
+
+    def awaits(self, check: Callable[[], object], words: str = "") -> None:
+        """Wait until a check of Python's own is true."""
         end_s = time.monotonic() + LIMIT_S
-        while (stamp_ns := self.stamp_ns()) <= after_ns:
-            assert time.monotonic() < end_s, f"no picture after {after_ns}"
+        while not check():
+            assert time.monotonic() < end_s, words
             self.page.wait_for_timeout(50)
-        return stamp_ns
 
     def on_screen(self, u: float, v: float, aircraft: str = "") -> tuple[float, float]:
         """Return where a pixel of the picture is on the screen."""
@@ -202,6 +220,12 @@ class Screen:
         self.context.close()
 
 
+_BEGAN = """async () => {
+  const { store } = await import("/static/js/store.js");
+  const { phase } = store.get("link");
+  const isOpen = phase === "open" && Object.keys(store.get("states")).length > 0;
+  return isOpen || phase === "lost" || document.querySelector("#enter").open;
+}"""
 _STAMP = """async (aircraft) => {
   const { stageOf } = await import("/static/js/video/stages.js");
   return stageOf(aircraft)?.frame?.stampNs ?? "0";

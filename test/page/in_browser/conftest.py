@@ -47,9 +47,10 @@ def tablet(browser):
     """Open tablets, each a browser of its own; at the end none may have complained."""
     screens = []
 
-    def take(url, size=TABLET, **options):
+    def take(url, size=TABLET, *, expected="", **options):
         screens.append(Screen(browser, size, **options))
-        return screens[-1].open(url)
+        screens[-1].expected = expected or screens[-1].expected
+        return screens[-1].enter(url)
 
     yield take
     complaints = [line for screen in screens for line in screen.complaints]
@@ -64,7 +65,7 @@ def tablet(browser):
 def screen(browser, tmp_path_factory):
     """A page whose modules are called; its own video is not looked at."""
     served = ServedPage(tmp_path_factory.mktemp("page"))
-    opened = Screen(browser, DESK).open(served.url)
+    opened = Screen(browser, DESK).enter(served.url)
     opened.await_picture()
     yield opened
     opened.close()

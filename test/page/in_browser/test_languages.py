@@ -166,7 +166,7 @@ def test_language_units_and_form_are_chosen_in_the_menu_and_remembered(serve, ta
         screen.tap_on(".row")
         screen.reads(".coordinate:first-child", "UTM")
         screen.reads("#target-card .facts", " ft")
-        screen.page.reload()
+        screen.reload()
         screen.await_picture()
 
 

@@ -139,16 +139,15 @@ def test_the_panel_changes_the_picture_at_once_and_the_screen_remembers_it(
     degrees = float(screen.one(".degrees").inner_text().split()[-2])
     assert CELSIUS[0] <= degrees <= CELSIUS[1]
     screen.hold_still()
-    assert reddish(screen) > 30
+    becomes_red(screen)
     screen.tap_on(".palettes button:has-text('White hot')")  # also on a still picture
-    assert reddish(screen) < 5
+    becomes_grey(screen)
     screen.tap_on(".palettes button:has-text('Lava')")
-    screen.page.reload()
-    screen.await_picture()
-    assert reddish(screen) > 30
+    screen.reload()
+    becomes_red(screen)
     screen.tap_on("#look-button")
     screen.tap_on("#look-plain")
-    assert reddish(screen) < 5
+    becomes_grey(screen)
 
 
 def test_an_isotherm_above_the_scale_says_why_nothing_has_its_colour(serve, tablet, monkeypatch):
@@ -171,6 +170,14 @@ _LOOK_OF_STORE = """async () => {
 }"""
 
 
+def becomes_red(screen):
+    screen.awaits(lambda: reddish(screen) > 30)
+
+
+def becomes_grey(screen):
+    screen.awaits(lambda: reddish(screen) < 5)
+
+
 def reddish(screen):
     """Return how much redder than blue the median pixel of the video is."""
     image = cv2.imdecode(np.frombuffer(screen.video()[0], np.uint8), cv2.IMREAD_COLOR)
@@ -191,11 +198,11 @@ def test_settings_of_another_form_are_not_taken(serve, tablet, kept):
     """As of another version: one wrong list had left the screen without video for ever."""
     screen = tablet(serve().url, DESK)
     screen.page.evaluate("(kept) => localStorage.setItem('tirgeo', kept)", json.dumps(kept))
-    screen.page.reload()
+    screen.reload()
     screen.await_picture()
     screen.tap_on("#look-button")
     screen.reads(".layer-row", "plots")
-    assert 40 < screen.page.evaluate(_MEDIAN) < 110
+    screen.awaits(lambda: 40 < screen.page.evaluate(_MEDIAN) < 110)
 
 
 _MEDIAN = """async () => {

@@ -16,6 +16,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from browser import DESK, LEVEL, PHONE, TABLET
@@ -123,7 +125,7 @@ def test_the_cross_of_a_press_stays_on_the_picture_that_was_pressed(serve, table
     assert screen.page.evaluate(_HAS_CROSS)
     screen.page.keyboard.press("<")
     shown_after(screen, still_ns)
-    assert not screen.page.evaluate(_HAS_CROSS)
+    screen.wait(f"() => !({_HAS_CROSS})()")
 
 
 _HAS_CROSS = "() => !document.querySelector('.cross').hidden"
@@ -139,14 +141,14 @@ def test_a_rewound_picture_that_stays_without_a_link_has_its_own_age(serve, tabl
     screen.page.evaluate("() => (window.WebSocket = class { close() {} })")
     screen.tap_on("#still")
     screen.one(".stage[data-tone=old]").wait_for()
-    age_s = float(screen.one(".words-over strong").inner_text().split()[1])
-    feed_s = screen.page.evaluate(_FEED_AGE)
-    assert age_s > feed_s + 3
+    screen.until(_IS_OLDER_THAN_FEED, 3)
 
 
-_FEED_AGE = """async () => {
+#: Whether the words over the picture say that it is so many seconds older than the last live one.
+_IS_OLDER_THAN_FEED = """async (seconds) => {
   const { stageOf } = await import("/static/js/video/stages.js");
-  return stageOf("").feed.ageS;
+  const words = document.querySelector(".words-over strong").innerText;
+  return Number(words.split(" ")[1]) > stageOf("").feed.ageS + seconds;
 }"""
 
 
@@ -283,7 +285,7 @@ def test_another_aircraft_ends_the_still_picture(serve, tablet):
     screen.until(_IS_HELD, "a")
     screen.tap_on("#aircraft [aria-checked=false]")
     screen.until(_HAS_PICTURE, "b")
-    assert not screen.page.evaluate(_IS_HELD, "a")
+    screen.awaits(lambda: not screen.page.evaluate(_IS_HELD, "a"))
 
 
 _HAS_PICTURE = """async (aircraft) => {
@@ -336,7 +338,7 @@ def test_aircraft_that_come_and_go_while_the_picture_is_still_are_still_too(serv
     assert not screen.page.evaluate("() => window.kept.held.on")
     screen.set(aircraft=listed)
     screen.page.wait_for_timeout(2000)
-    assert screen.page.locator("#banner").is_hidden()
+    screen.shows("#banner", 0)
 
 
 _KEEP = """async (aircraft) => {
@@ -354,9 +356,8 @@ def test_the_bar_covers_no_answer(serve, tablet, size, aircraft):
     assert screen.page.evaluate(_ROOM, [last, 0.97]) is None  # there is no bar
     screen.tap_on("#still")
     screen.one("#rewind").wait_for()
-    assert screen.page.evaluate(_ROOM, [last, None]) >= 0
-    for share in np.linspace(0.5, 1.0, 9).tolist():
-        assert screen.page.evaluate(_ROOM, [last, share]) >= 0
+    for share in [None, *np.linspace(0.5, 1.0, 9).tolist()]:
+        screen.until(_HAS_ROOM, last, share)
 
 
 #: Answers a press at a share of the picture's height, if given; returns the room above the bar.
@@ -367,6 +368,7 @@ _ROOM = """async ([aircraft, share]) => {
   const bar = document.querySelector("#rewind").getBoundingClientRect();
   return bar.height ? bar.top - marks.answer.getBoundingClientRect().bottom : null;
 }"""
+_HAS_ROOM = f"async (all) => (await ({_ROOM})(all)) >= 0"
 
 
 @pytest.mark.parametrize("size", [PHONE, TABLET])
@@ -376,8 +378,13 @@ def test_no_banner_covers_the_bar(serve, tablet, monkeypatch, size):
     screen = tablet(serve().url, size)
     screen.reads("#banner", LOST["text"])
     screen.hold_still()
-    bar, banner = (screen.one(part).bounding_box() for part in ("#rewind", "#banner"))
-    assert banner["y"] + banner["height"] <= bar["y"]
+    screen.wait(_IS_OVER_THE_BAR)
+
+
+_IS_OVER_THE_BAR = """() => {
+  const [bar, banner] = ["#rewind", "#banner"].map((part) => document.querySelector(part));
+  return banner.getBoundingClientRect().bottom <= bar.getBoundingClientRect().top;
+}"""
 
 
 def test_the_banner_of_a_phone_on_its_side_is_beside_the_video_and_hides_nothing(
@@ -410,8 +417,9 @@ def test_nothing_covers_the_answer_to_a_press(serve, tablet, monkeypatch, size):
         screen.shows(".stage[data-tone=still]", int(still))
         over = screen.one(".over").bounding_box()
         for share in (0.2, 0.3, 0.4):
+            screen.page.evaluate("() => document.querySelector('.answer')?.replaceChildren()")
             screen.tap(over["x"] + over["width"] / 2, over["y"] + share * over["height"])
-            screen.one(".answer").wait_for()
+            screen.one(".answer", has_text=re.compile(".")).wait_for()
             assert screen.page.evaluate(_COVERING) == [], (still, share)
 
 

@@ -87,7 +87,7 @@ def test_a_status_is_set_on_the_card_and_the_list_is_filtered_and_says_so(with_t
     screen.tap_on(".filter [data-kind=fire]")
     screen.reads("#target-list h2", "0 of 3 targets")
     screen.reads(".nothing", "No target passes the filter: it hides 3.")
-    screen.page.reload()
+    screen.reload()
     screen.reads("#target-list h2", "0 of 3 targets")
     screen.tap_on(".nothing button", has_text="Show all")
     screen.reads("#target-list h2", "3 targets")
@@ -134,6 +134,7 @@ def test_a_card_merges_with_another_target_of_a_list_nearest_first(with_targets,
     screen.expected = "status of 404"
     screen.tap_on(".row[data-target]", has_text="Anna")
     screen.tap_on(".merge > button")
+    screen.shows(".merge-rows .row", 2)
     offered = screen.page.locator(".merge-rows .row").all_inner_texts()
     assert [text.split()[1] for text in offered] == ["near", "far"]
     screen.tap_on(".merge-rows .row", has_text="near")
@@ -236,8 +237,7 @@ def test_names_on_the_map_are_text_as_typed_and_do_not_cover_each_other(with_tar
     screen = tablet(with_targets(*places, names=NAMES).url, LEVEL)
     screen.tap_on("#swap")
     screen.tap_on("[aria-label='Show everything']")
-    screen.wait("() => document.querySelectorAll('.of-target').length === 5")
-    labels = screen.page.evaluate(_NAMES_ON_THE_MAP)  # at once: they are written anew at times
+    labels = screen.wait(f"() => ((all) => all.length === 5 && all)(({_NAMES_ON_THE_MAP})())")
     assert sorted(text for text, *_ in labels) == sorted(NAMES)
     sides = sorted((left, right) for _, left, right in labels)
     assert all(right <= other for (_, right), (other, _) in pairwise(sides))
@@ -257,7 +257,7 @@ def test_the_map_can_be_the_large_one_and_stays_so(serve, tablet):
     assert map_px < video_px
     screen.tap_on("#swap")
     screen.wait(f"() => (([map, video]) => map > video)(({boxes})())")
-    screen.page.reload()
+    screen.reload()
     screen.await_picture()
     map_px, video_px = screen.page.evaluate(boxes)
     assert map_px > video_px
@@ -338,11 +338,11 @@ def test_a_layer_that_is_off_is_not_drawn_and_the_map_says_so(with_targets, tabl
 def test_the_button_of_the_layers_shows_only_what_is_off_on_this_map(serve, tablet):
     screen = tablet(serve().url)
     screen.set(layersOff=["of another map"])
-    active = "() => document.querySelector('#layers').classList.contains('active')"
-    assert not screen.page.evaluate(active)
     screen.tap_on("#layers")
+    screen.one(".map-layers [data-layer=labels]").wait_for()
+    screen.shows("#layers:not(.active)", 1)
     screen.tap_on(".map-layers [data-layer=labels]")
-    assert screen.page.evaluate(active)
+    screen.shows("#layers.active", 1)
 
 
 def test_a_map_that_is_not_there_or_not_here_says_so(serve, tablet):
@@ -351,7 +351,7 @@ def test_a_map_that_is_not_there_or_not_here_says_so(serve, tablet):
     screen = tablet(page.url)
     screen.reads(".map-words", "There is no map: only aircraft and targets")
     page.backend._map = whole.replace(b"16.3", b"17.3")
-    screen.page.reload()
+    screen.reload()
     screen.reads(".map-words", "The map does not reach here")
 
 

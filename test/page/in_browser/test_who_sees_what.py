@@ -39,8 +39,7 @@ def press(screen):
 
 
 def test_without_the_token_nothing_is_shown_and_with_it_all(guarded, tablet):
-    screen = tablet(guarded.url.partition("?")[0])
-    screen.expected = "401|403|429"
+    screen = tablet(guarded.url.partition("?")[0], expected="401|403|429")
     screen.reads("#enter", "needs a token")
     for _ in range(3):  # a browser lets a page refuse the first one alone
         screen.page.keyboard.press("Escape")
@@ -65,7 +64,7 @@ def test_the_token_leaves_the_address_and_the_script_cannot_read_the_session(gua
     assert screen.page.evaluate("() => document.cookie") == ""
     (cookie,) = screen.context.cookies()
     assert (cookie["httpOnly"], cookie["sameSite"]) == (True, "Strict")
-    screen.page.reload()
+    screen.reload()
     screen.await_picture()
 
 
@@ -102,7 +101,7 @@ def test_a_busy_server_is_asked_again_instead_of_a_token(guarded, tablet):
     screen.expected = "429"
     busy = {"status": 429, "json": {"reason": "too many requests: wait a moment"}}
     screen.page.route("**/enter", lambda route: route.fulfill(**busy), times=1)
-    screen.page.reload()
+    screen.reload()
     screen.await_picture()
     assert not screen.page.locator("#enter").is_visible()
 
@@ -153,7 +152,7 @@ def test_an_alarm_sounds_each_four_seconds_and_silence_is_for_it_alone(alarming)
     alarming.screen.reads("#banner", "The gimbal is silent for 8 s")
     assert not alarming.screen.page.get_by_text("gimbal/joint").is_visible()  # under: more
     alarming.screen.tap_on("#banner summary")
-    assert alarming.screen.page.get_by_text("gimbal/joint").is_visible()
+    alarming.screen.page.get_by_text("gimbal/joint").wait_for()
     alarming.screen.tap_on("#banner button")
     alarming.screen.reads("#banner", "silenced")
     assert alarming.sounds_for(5) == []
@@ -176,7 +175,7 @@ def test_a_tablet_whose_screen_was_off_sounds_again(serve, tablet, way):
         screen.tap_on("[data-tab=targets][role=tab]")
     else:
         screen.page.evaluate("async () => (await import('/static/js/checks/alarm.js')).beep()")
-    assert screen.page.evaluate("() => AudioContext.now") == "running"
+    screen.wait("() => AudioContext.now === 'running'")
 
 
 _INTERRUPTED = """() => {
@@ -198,7 +197,7 @@ def test_nothing_is_good_beside_a_verdict_that_is_not(alarming):
     notice = "NO MAP: no pose for 2.0 s"
     alarming.says(word="NO GO", tone="bad", kind="map", text=notice, alarm=True)
     alarming.screen.reads("#banner", notice)
-    assert alarming.screen.page.locator(".finding[data-tone=good]").count() == 0
+    alarming.screen.shows(".finding[data-tone=good]", 0)
     # The picture has the words itself: the page says them once, but while it is frozen.
     alarming.screen.shows(":text('NO MAP')", 1)
 
