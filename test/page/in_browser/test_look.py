@@ -143,6 +143,7 @@ def test_the_panel_changes_the_picture_at_once_and_the_screen_remembers_it(
     screen.tap_on(".palettes button:has-text('White hot')")  # also on a still picture
     becomes_grey(screen)
     screen.tap_on(".palettes button:has-text('Lava')")
+    becomes_red(screen)
     screen.reload()
     becomes_red(screen)
     screen.tap_on("#look-button")

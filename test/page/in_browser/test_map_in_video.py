@@ -24,6 +24,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+from browser import LIMIT_S
 from page_backend import CODE_BITS, CODE_PX, HEIGHT, LAYERS, code_of
 from painted_map import decoded, painted
 from playwright.sync_api import expect
@@ -251,11 +252,11 @@ def test_a_layer_that_is_off_is_remembered(serve, tablet, monkeypatch):
     name = LAYERS[0]["name"]
     screen.tap_on(f"#look .switch[aria-label={name}]")
     screen.tap_on("#look .switch[aria-label='Labels of hydrants']")
-    screen.reload()
-    screen.await_picture()
-    screen.tap_on("#look-button")
     off = screen.page.locator("#look .layer-row .switch[aria-checked=false]")
-    expect(off).to_have_count(2)
+    expect(off).to_have_count(2, timeout=LIMIT_S * 1000)
+    screen.reload()
+    screen.tap_on("#look-button")
+    expect(off).to_have_count(2, timeout=LIMIT_S * 1000)
     assert [one.get_attribute("aria-label") for one in off.all()] == [name, "Labels of hydrants"]
 
 

@@ -412,6 +412,7 @@ def test_nothing_covers_the_answer_to_a_press(serve, tablet, monkeypatch, size):
     page = serve(token="operator-token-1", viewer_token="viewer-token-123")
     screen = tablet(page.server.viewer_url, size)  # a viewer's presses are answered at once
     screen.reads("#banner", LOST["text"])
+    screen.await_picture()
     for still in (False, True):
         screen.set(still=still)
         screen.shows(".stage[data-tone=still]", int(still))

@@ -124,6 +124,7 @@ def test_a_press_again_on_something_else_says_that_the_presses_disagree(serve, t
     screen.tap(*screen.on_screen(100, 300))
     screen.tap_on(".row")
     screen.tap_on("#refine")
+    screen.one(".refining").wait_for()
     screen.tap(*screen.on_screen(500, 300))
     screen.reads("#toast", "Target 1 averaged over 2 presses. Their presses disagree.")
 
