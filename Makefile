@@ -37,11 +37,11 @@ export OPENBLAS_NUM_THREADS := 1
 # On processors with AVX-512 NumPy takes one of two forms of arctan2, and of its like, by where in
 # memory the result happens to lie: last digits would differ from run to run.
 ifeq ($(shell uname -m),x86_64)
-quick test coverage test-slow test-long test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
+quick test coverage test-slow test-long test-late test-floor: export NPY_DISABLE_CPU_FEATURES := AVX512F AVX512_SKX X86_V4
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo quick test test-slow test-long test-all test-floor coverage lint types api docs audit bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction release clean
+.PHONY: help setup demo quick test test-slow test-long test-late test-all test-floor coverage lint types api docs audit bench check-arm64 fuzz planted-faults soak consistency smoothing real-flights states parameters reproduction release clean
 .DELETE_ON_ERROR:
 
 help:  ## this list
@@ -71,6 +71,9 @@ test-slow: $(TEST_READY)  ## more: accuracy over many flights, large sets of pic
 
 test-long: $(TEST_READY)  ## what takes minutes of one kind, or wants a quiet machine
 	$(BIN)/python $(PYTEST) $(WORKERS) test -m long
+
+test-late: $(TEST_READY)  ## the page's tests with each press and message late: finds those that do not wait
+	TIRGEO_LATE_MS=300 $(BIN)/python $(PYTEST) $(WORKERS) test/page/in_browser -m "not long"
 
 test-all: test test-slow test-long  ## all three
 

@@ -314,6 +314,7 @@ def test_everything_fits_a_glove_hits_it_and_axe_finds_no_fault(serve, tablet, m
     assert screen.faults() == []
     page.start()
     screen.tap_on("#menu-button")
+    screen.one("#menu").wait_for()
     screen.page.keyboard.press("Escape")
     screen.tap_on("#help-button")
     assert screen.faults() == []

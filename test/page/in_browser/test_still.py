@@ -203,7 +203,8 @@ def test_a_still_picture_that_is_ended_takes_no_more_of_the_link(serve, tablet):
     screen = tablet(serve().url, DESK)
     first_ns = screen.await_picture()
     screen.page.route("**/frame/**", lambda _: None, times=1)  # is never answered
-    screen.hold_still()
+    with screen.page.expect_request("**/frame/**"):
+        screen.hold_still()
     screen.reads("#rewind", "Fetching")
     screen.tap_on("#still")
     screen.await_picture(first_ns + 1_000_000_000)
@@ -216,7 +217,8 @@ def test_a_still_picture_that_a_dead_link_does_not_bring_comes_over_the_next_one
     screen = tablet(serve().url, DESK)
     screen.await_picture()
     screen.page.route("**/frame/**", lambda _: None, times=1)  # is never answered
-    screen.hold_still()
+    with screen.page.expect_request("**/frame/**"):
+        screen.hold_still()
     screen.reads("#rewind", "Fetching")
     for phase in ("lost", "open"):
         screen.set(link={"phase": phase, "retryAt": 0})
