@@ -23,7 +23,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from browser import FINGER_PX, LEVEL, PHONE, TABLET
+from browser import DESK, FINGER_PX, LEVEL, PHONE, TABLET
 from page_backend import EAST_M, GROUND_M, LATITUDE, LONGITUDE, NORTH_M, SIGMA_M
 from served_page import corner_in, well
 
@@ -225,14 +225,42 @@ def test_targets_too_near_on_the_map_are_a_number_that_comes_nearer(with_targets
     screen = tablet(page.url, LEVEL)
     screen.tap_on("#swap")
     screen.tap_on("[aria-label='Show everything']")
-    screen.one("#follow[aria-pressed=false]").wait_for()
-    screen.page.wait_for_timeout(500)  # Leaflet takes no press while it zooms, a quarter second
     screen.reads(".map-cluster", "3")
     screen.tap_on(".map-cluster")
     screen.wait("() => document.querySelectorAll('.map-target .badge').length >= 3")
     screen.shows(".map-cluster", 0)
     screen.wait("() => document.querySelectorAll('.map-label .of-target').length >= 1")
     assert set(screen.page.locator(".of-target").all_inner_texts()) <= set(NAMES)
+
+
+def test_a_target_that_is_to_be_shown_while_the_map_zooms_is_shown(with_targets, tablet):
+    page = with_targets((400, 0))
+    screen = tablet(page.url, DESK)
+    screen.page.evaluate(_SHOW_WHILE_ZOOMING, page.targets[0].id)
+    screen.wait(_IS_IN_THE_MIDDLE)
+
+
+_SHOW_WHILE_ZOOMING = """async (id) => {
+  const { store } = await import("/static/js/store.js");
+  const pane = document.querySelector(".leaflet-map-pane");
+  await new Promise((done) => {
+    const watch = new MutationObserver(() => {
+      if (!pane.matches(".leaflet-zoom-anim")) return;
+      watch.disconnect();
+      done(store.set({ shown: { id } }));
+    });
+    watch.observe(pane, { attributes: true });
+    document.querySelector("[aria-label='Zoom out']").click();
+  });
+}"""
+_IS_IN_THE_MIDDLE = """() => {
+  const middleOf = (part) => {
+    const box = document.querySelector(part)?.getBoundingClientRect();
+    return box ? [box.x + box.width / 2, box.y + box.height / 2] : [NaN, NaN];
+  };
+  const [map, target] = ["#map", ".map-target"].map(middleOf);
+  return Math.hypot(map[0] - target[0], map[1] - target[1]) < 30;
+}"""
 
 
 def test_names_on_the_map_are_text_as_typed_and_do_not_cover_each_other(with_targets, tablet):

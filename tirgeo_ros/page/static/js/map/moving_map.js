@@ -32,6 +32,7 @@ export function buildMap(where) {
     tapTolerance: 20,
     zoomAnimation: true,
   }).setView([0, 0], FIRST_ZOOM);
+  loseNoView(map);
   buildScale(map);
   const measure = buildMeasuring(map, (words) => tell(status, words));
   const base = new Base(map, () => {
@@ -50,6 +51,18 @@ export function buildMap(where) {
   map.on("dragstart", () => store.set({ follow: false }));
   byId("map-area").append(...mapTools(map, base));
   stayRight(map, holder);
+}
+
+/** Lets the last view that is asked for while the map zooms wait: Leaflet drops it. @param {any} map */
+function loseNoView(map) {
+  const setView = map.setView.bind(map);
+  /** @type {any[] | null} */
+  let waiting = null;
+  map.setView = (/** @type {any[]} */ ...view) => {
+    waiting = map._animatingZoom ? view : null;
+    return waiting ? map : setView(...view);
+  };
+  map.on("zoomend", () => waiting && map.setView(...waiting));
 }
 
 /** Draws the scale, in the units of this screen. @param {any} map */
