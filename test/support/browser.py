@@ -23,12 +23,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
 from urllib.parse import urlsplit
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, ConsoleMessage, Locator, Page, expect, sync_playwright
 
+T = TypeVar("T")
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 PHONE, TABLET, LEVEL, DESK = (390, 844), (820, 1180), (1180, 820), (1920, 1080)
 #: A limit, not a wait: a busy machine takes long to draw a first page.
@@ -145,12 +147,13 @@ class Screen:
         self.awaits(lambda: self.stamp_ns() > after_ns, f"no picture after {after_ns}")
         return self.stamp_ns()
 
-    def awaits(self, check: Callable[[], object], words: str = "") -> None:
-        """Wait until a check of Python's own is true."""
+    def awaits(self, check: Callable[[], T], words: str = "") -> T:
+        """Return what a function returns as soon as that is true."""
         end_s = time.monotonic() + LIMIT_S
-        while not check():
+        while not (result := check()):
             assert time.monotonic() < end_s, words
             self.page.wait_for_timeout(50)
+        return result
 
     def on_screen(self, u: float, v: float, aircraft: str = "") -> tuple[float, float]:
         """Return where a pixel of the picture is on the screen."""
@@ -178,12 +181,8 @@ class Screen:
 
     def until(self, script: str, *arguments: object) -> object:
         """Return what an asynchronous JavaScript function gives as soon as that is true."""
-        end_s = time.monotonic() + LIMIT_S
         argument = arguments[0] if len(arguments) == 1 else list(arguments)
-        while not (result := self.page.evaluate(script, argument)):
-            assert time.monotonic() < end_s, script
-            self.page.wait_for_timeout(50)
-        return result
+        return self.awaits(lambda: self.page.evaluate(script, argument), script)
 
     def one(self, selector: str, **filters: object) -> Locator:
         """Return the first visible element."""
