@@ -35,6 +35,7 @@ NAMES = ("chromium", "chromium-browser", "google-chrome")
 PHONE, TABLET, LEVEL, DESK = (390, 844), (820, 1180), (1180, 820), (1920, 1080)
 #: A limit, not a wait: a busy machine takes long to draw a first page.
 LIMIT_S = 30.0
+expect.set_options(timeout=LIMIT_S * 1000)
 #: So late has the page each press and each message: `make test-late` finds tests that do not wait.
 LATE_MS = int(os.environ.get("TIRGEO_LATE_MS", "0"))
 #: Complaints of Chromium's own: of a connection that it opened ahead and that has ended, where the
@@ -77,7 +78,7 @@ class Screen:
         self.context.set_default_timeout(LIMIT_S * 1000)
         self.complaints: list[str] = []
         self.taps = 0
-        self.expected = ALWAYS  # a pattern of complaints that a test provokes
+        self.expected = ""  # a pattern of complaints that a test provokes
         self.hosts: set[str] = set()
         self.page: Page = self.context.new_page()
         if LATE_MS:
@@ -87,8 +88,8 @@ class Screen:
         self.page.on("request", lambda asked: self.hosts.add(urlsplit(asked.url).netloc))
 
     def _console(self, message: ConsoleMessage) -> None:
-        expected = (re.search(words, message.text) for words in (ALWAYS, self.expected))
-        if message.type in {"error", "warning"} and not any(expected):
+        expected = "|".join(filter(None, (ALWAYS, self.expected)))
+        if message.type in {"error", "warning"} and not re.search(expected, message.text):
             self.complaints.append(f"{message.type}: {message.text} {message.location}")
 
     def open(self, url: str) -> Screen:
@@ -123,13 +124,13 @@ class Screen:
     def reads(self, selector: str, words: str) -> None:
         """Wait until an element shows words."""
         expect(self.page.locator(selector).locator("visible=true").first).to_contain_text(
-            words, timeout=LIMIT_S * 1000, ignore_case=True
+            words, ignore_case=True
         )
 
     def shows(self, selector: str, count: int) -> None:
         """Wait until so many elements are visible."""
         found = self.page.locator(selector).locator("visible=true")
-        expect(found).to_have_count(count, timeout=LIMIT_S * 1000)
+        expect(found).to_have_count(count)
 
     def stamp_ns(self, aircraft: str = "") -> int:
         """Return the stamp of the picture that is on the screen; 0 before the first."""

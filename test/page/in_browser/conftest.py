@@ -17,7 +17,7 @@
 from __future__ import annotations
 
 import pytest
-from browser import ALWAYS, DESK, TABLET, Screen, chromium
+from browser import DESK, TABLET, Screen, chromium
 from served_page import ServedPage
 
 
@@ -47,7 +47,7 @@ def tablet(browser):
     """Open tablets, each a browser of its own; at the end none may have complained."""
     screens = []
 
-    def take(url, size=TABLET, *, expected=ALWAYS, **options):
+    def take(url, size=TABLET, *, expected="", **options):
         screens.append(Screen(browser, size, **options))
         screens[-1].expected = expected
         return screens[-1].enter(url)

@@ -54,9 +54,9 @@ def seen_parts(screen):
     for tap in ("#still", "#still", "#look-button", "#look-button", "#export", ".row", "#refine"):
         screen.tap_on(tap)
         yield tap
-    for tap in ("[role=tab][data-tab=checks]", "#menu-button"):
-        screen.tap_on(tap)
-        yield tap
+    screen.tap_on("[role=tab][data-tab=checks]")
+    yield "checks"
+    screen.tap_on("#menu-button")
     screen.one("#menu").wait_for()
     yield "menu"
     screen.page.keyboard.press("Escape")

@@ -21,7 +21,7 @@ import json
 import cv2
 import numpy as np
 import pytest
-from browser import DESK, LIMIT_S
+from browser import DESK
 from page_backend import CELSIUS
 from painted_map import looked
 from playwright.sync_api import expect
@@ -162,7 +162,7 @@ def test_an_isotherm_above_the_scale_says_why_nothing_has_its_colour(serve, tabl
     for degrees, shown in ((CELSIUS[1] + 1, 1), (CELSIUS[1] - 1, 0)):
         look = screen.page.evaluate(_LOOK_OF_STORE)
         screen.set(look={**look, "degrees": degrees})
-        expect(words.locator("visible=true")).to_have_count(shown, timeout=LIMIT_S * 1000)
+        expect(words.locator("visible=true")).to_have_count(shown)
 
 
 _LOOK_OF_STORE = """async () => {

@@ -24,10 +24,8 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
-from browser import LIMIT_S
 from page_backend import CODE_BITS, CODE_PX, HEIGHT, LAYERS, code_of
 from painted_map import decoded, painted
-from playwright.sync_api import expect
 from served_page import ServedPage, well
 from shapes_writer import encoded
 
@@ -252,12 +250,13 @@ def test_a_layer_that_is_off_is_remembered(serve, tablet, monkeypatch):
     name = LAYERS[0]["name"]
     screen.tap_on(f"#look .switch[aria-label={name}]")
     screen.tap_on("#look .switch[aria-label='Labels of hydrants']")
-    off = screen.page.locator("#look .layer-row .switch[aria-checked=false]")
-    expect(off).to_have_count(2, timeout=LIMIT_S * 1000)
+    off = "#look .layer-row .switch[aria-checked=false]"
+    screen.shows(off, 2)
     screen.reload()
     screen.tap_on("#look-button")
-    expect(off).to_have_count(2, timeout=LIMIT_S * 1000)
-    assert [one.get_attribute("aria-label") for one in off.all()] == [name, "Labels of hydrants"]
+    screen.shows(off, 2)
+    found = screen.page.locator(off).all()
+    assert [one.get_attribute("aria-label") for one in found] == [name, "Labels of hydrants"]
 
 
 def test_a_map_that_the_operator_has_hidden_says_so(serve, tablet, monkeypatch):

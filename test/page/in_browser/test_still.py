@@ -122,13 +122,13 @@ def test_the_cross_of_a_press_stays_on_the_picture_that_was_pressed(serve, table
     still_ns = held_after(screen, 2)
     screen.tap(*screen.on_screen(*corner_in(still_ns)))
     screen.reads(".answer", "95 %")
-    assert screen.page.evaluate(_HAS_CROSS)
+    screen.wait(_HAS_CROSS, True)
     screen.page.keyboard.press("<")
     shown_after(screen, still_ns)
-    screen.wait(f"() => !({_HAS_CROSS})()")
+    screen.wait(_HAS_CROSS, False)
 
 
-_HAS_CROSS = "() => !document.querySelector('.cross').hidden"
+_HAS_CROSS = "(wanted) => document.querySelector('.cross').hidden !== wanted"
 
 
 def test_a_rewound_picture_that_stays_without_a_link_has_its_own_age(serve, tablet):
@@ -380,13 +380,7 @@ def test_no_banner_covers_the_bar(serve, tablet, monkeypatch, size):
     screen = tablet(serve().url, size)
     screen.reads("#banner", LOST["text"])
     screen.hold_still()
-    screen.wait(_IS_OVER_THE_BAR)
-
-
-_IS_OVER_THE_BAR = """() => {
-  const [bar, banner] = ["#rewind", "#banner"].map((part) => document.querySelector(part));
-  return banner.getBoundingClientRect().bottom <= bar.getBoundingClientRect().top;
-}"""
+    screen.wait(_IS_ABOVE, "#banner", "#rewind")
 
 
 def test_the_banner_of_a_phone_on_its_side_is_beside_the_video_and_hides_nothing(
@@ -461,13 +455,12 @@ def test_a_banner_that_comes_later_covers_no_answer(serve, tablet, monkeypatch):
     screen.one(".answer").evaluate("(node) => { node.dataset.turn = 'stays'; }")
     verdict.update(LOST)
     screen.reads("#banner", LOST["text"])
-    screen.wait(_IS_ABOVE)
+    screen.wait(_IS_ABOVE, ".answer", "#banner")
 
 
-_IS_ABOVE = """() => {
-  const boxOf = (part) => document.querySelector(part).getBoundingClientRect();
-  const answer = boxOf(".answer");
-  return answer.height && answer.bottom <= boxOf("#banner").top;
+_IS_ABOVE = """(parts) => {
+  const [upper, lower] = parts.map((part) => document.querySelector(part).getBoundingClientRect());
+  return upper.height && upper.bottom <= lower.top;
 }"""
 
 
